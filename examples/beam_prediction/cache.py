@@ -28,6 +28,7 @@ from examples.beam_prediction.features import part_features
 from examples.beam_prediction.labels import part_labels
 from examples.beam_prediction.windows import find_windows, split, window_table
 from mmw.core.errors import InputError
+from mmw.core.file_names import check_file_name
 from mmw.dataset import Dataset, open_dataset
 from mmw.storage.atomic_files import write_bytes_atomically
 
@@ -187,6 +188,9 @@ def _missing(experiment: Experiment, dataset: Dataset, cache: Path, number: int)
     rows = dataset.read("frames", columns=["scenario", "weather"]).group_by(["scenario", "weather"]).aggregate([])
     pairs = sorted((row["scenario"], row["weather"]) for row in rows.to_pylist())
     pairs = [pair for pair in pairs if pair[1] in experiment.windows.weathers]
+    for scenario, weather in pairs:
+        check_file_name(scenario, "scenario", dataset.root)
+        check_file_name(weather, "weather", dataset.root)
     for source in (*sources_of(experiment), LABELS):
         for scenario, weather in pairs:
             file = cache / folder_of(source) / f"{scenario}{_mark(number)}.{weather}.parquet"

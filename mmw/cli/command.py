@@ -29,8 +29,14 @@ LOGGER = logging.getLogger(__name__)
 def fail(problems: Sequence[str], code: int = 2) -> int:
     """Print problems for people and return the exit code."""
     for problem in problems:
-        print(f"mmw: {problem}", file=sys.stderr)
+        print(f"mmw: {printable(problem)}", file=sys.stderr)
     return code
+
+
+def printable(text: str) -> str:
+    """Return a text on one line: names from data may hold line ends, or codes that a terminal obeys."""
+    line = " ".join(text.splitlines())
+    return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in line)
 
 
 def run_command(

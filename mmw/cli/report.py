@@ -5,7 +5,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from mmw.cli.command import run_command
+from mmw.cli.command import printable, run_command
 
 
 def main(argv: Sequence[str], prog: str = "mmw report") -> int:
@@ -32,6 +32,6 @@ def _report(arguments: argparse.Namespace) -> None:
     names = [name for item in arguments.scenario for name in item.split(",") if name]
     make_report(
         arguments.dataset, arguments.out, scenarios=names, force=arguments.force,
-        tell=lambda line: print(f"mmw: {line}", file=sys.stderr),
+        tell=lambda line: print(f"mmw: {printable(line)}", file=sys.stderr),
     )  # fmt: skip
     print(arguments.out)

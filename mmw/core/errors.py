@@ -22,6 +22,10 @@ class InputError(Error, ValueError):
         return [str(self)]
 
 
+class PluginError(Error):
+    """Report a fault of another package's plug-in; the message names the plug-in and its package."""
+
+
 class MissingPackageError(Error, ImportError):
     """Report an optional package that is not installed; the message gives the command that installs it."""
 

@@ -47,11 +47,17 @@ def intrinsics_from_row(row: Mapping[str, Any]) -> Intrinsics:
     """Return the camera that a row of `sensors` describes, its lens included.
 
     Raises:
-        InputError: If the sensor is no camera.
+        InputError: If the sensor is no camera, or its lens has another number of coefficients.
     """
-    if row["fx"] is None:
+    if any(row[name] is None for name in ("fx", "fy", "cx", "cy", "width", "height")):
         raise InputError(f"sensor {row['sensor']!r} of {row['agent']}: is of type {row['type']}; a camera is needed")
     given = [float(value) for value in row["coefficients"] or ()]
+    wanted = {"fisheye": 4, "brown_conrady": 8}.get(row["lens"], len(given))
+    if len(given) != wanted:
+        raise InputError(
+            f"sensor {row['sensor']!r} of {row['agent']}: its lens {row['lens']} has {len(given)} coefficients; "
+            f"{wanted} are needed"
+        )
     if row["lens"] == "fisheye":
         k1, k2, k3, k4 = given
         lens = Distortion("fisheye", radial=(k1, k2, k3, k4))

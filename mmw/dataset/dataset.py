@@ -3,6 +3,7 @@
 import operator
 import re
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
 from pathlib import Path
@@ -17,11 +18,15 @@ import pyarrow.fs as pafs
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.column_arrays import arrays_of
-from mmw.dataset.files import damage_of, has_files, list_files
+from mmw.dataset.files import damage_of, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
+from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
 from mmw.storage.file_checks import version_number
 from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
+from mmw.storage.schema_checks import schema_problem
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
+from mmw.storage.shard_writer import MARKERS
+from mmw.storage.table_spec import TableSpec
 
 if TYPE_CHECKING:
     import duckdb
@@ -32,15 +37,24 @@ if TYPE_CHECKING:
     from mmw.dataset.frame import Frame
 
 
+FOOTER_THREADS = 16
+"""Threads that read the footers of files. Design value."""
+
+
 @dataclass(frozen=True)
 class Dataset:
-    """A dataset folder. Its files are listed once; open it again after a run has added some."""
+    """A dataset folder: the files of published shards, those that have a marker.
+
+    They are listed once; open it again after a run has added some.
+    """
 
     root: Path
     """The folder; in `filesystem` where that is given."""
     filesystem: pafs.FileSystem | None = None
     """None for local files."""
     _opened: dict[str, pds.Dataset] = field(default_factory=dict, compare=False, repr=False)
+    _checked: set[str] = field(default_factory=set, compare=False, repr=False)
+    """Files whose columns have been checked."""
     _parts: "dict[str, Parts]" = field(default_factory=dict, compare=False, repr=False)
 
     @cached_property
@@ -52,21 +66,53 @@ class Dataset:
 
     @cached_property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables that have files."""
-        return tuple(name for name in TABLES if has_files(self.root, name, self.filesystem))
+        """Names of the tables that have files; those of sensor packages that are not installed come last."""
+        known = (name for name in TABLES if has_files(self.root, name, self.filesystem, self._markers))
+        return (*known, *self._plugin_specs)
+
+    @property
+    def content(self) -> str:
+        """Words for messages: the tables, or why there are none."""
+        if self.tables:
+            return f"holds {', '.join(self.tables)}"
+        return f"holds no table: {MARKERS} marks no shard as complete; run mmw.run, or copy that folder too"
+
+    @cached_property
+    def _markers(self) -> frozenset[str]:
+        return list_markers(self.root, self.filesystem)
+
+    @cached_property
+    def _plugin_specs(self) -> dict[str, TableSpec]:
+        """Tables of sensor packages that are not installed, as their files describe them."""
+        found = {}
+        for name in list_folders(self.root, self.filesystem):
+            if name not in TABLES and has_files(self.root, name, self.filesystem, self._markers):
+                spec = spec_of_file(name, self.check_files(name)[0], self.filesystem)
+                if spec is not None:
+                    found[name] = spec
+        return found
+
+    def spec(self, table: str) -> TableSpec:
+        """Return the specification of a table; without the sensor package that made it, as its files describe it.
+
+        Raises:
+            InputError: If no table has this name.
+        """
+        return self._plugin_specs[table] if table not in TABLES and table in self._plugin_specs else table_spec(table)
 
     def arrow(self, table: str) -> pds.Dataset:
         """Return a table as an Arrow dataset that skips the files of other scenarios and weathers.
 
         Raises:
-            InputError: If the table is not known, has no file, its first file is damaged, or its folder holds others.
+            InputError: If the table is not known, has no file, its first file is damaged or lacks a column, or its
+                folder holds others.
         """
-        table_spec(table)
+        spec = self.spec(table)
         if table not in self.tables:
-            raise InputError(
-                f"{self.root}: table {table!r} has no file; it holds {', '.join(self.tables) or 'no table'}"
-            )
+            raise InputError(f"{self.root}: table {table!r} has no file; it {self.content}")
         if table not in self._opened:
+            if table not in TABLES:
+                warn_of_missing_package(self.root, table, self.info)
             partitioning = pds.HivePartitioning.discover(infer_dictionary=True)
             paths = self.check_files(table)
             try:
@@ -76,9 +122,9 @@ class Dataset:
                 )  # fmt: skip
             except (pa.ArrowException, OSError) as error:
                 raise self.damage(table, error) from error
-            missing = [name for name in table_spec(table).key if name not in opened.schema.names]
-            if missing:
-                raise self.damage(table, InputError(f"has no column {', '.join(missing)}"))
+            problem = schema_problem(opened.schema, spec)
+            if problem:
+                raise self.damage(table, InputError(problem))
             self._opened[table] = cast(pds.Dataset, opened)
         return self._opened[table]
 
@@ -117,13 +163,35 @@ class Dataset:
         expression = reduce(operator.and_, conditions) if conditions else None
         part = self._files(table, scenario, weather, frames)
         try:
+            self._check_schemas(table, part, expression)
             found = part.to_table(columns=list(columns) if columns else None, filter=expression)
         except (pa.ArrowException, OSError) as error:
             raise self.damage(table, error) from error
-        for field_ in table_spec(table).columns:
+        for field_ in self.spec(table).columns:
             if not field_.nullable and field_.name in found.column_names and found[field_.name].null_count:
-                raise self.damage(table, InputError(f"{field_.name} is null in some rows"))  # a file has no such column
-        return found
+                raise self.damage(table, InputError(f"{field_.name} is null in some rows"))
+        return found.unify_dictionaries()  # Arrow groups and counts no names whose files number them differently
+
+    def _check_schemas(self, name: str, part: pds.Dataset, expression: pds.Expression | None) -> None:
+        """Check the columns of the files that a filter leaves: rows of a file without `frame` would match no filter.
+
+        Raises:
+            InputError: If columns are missing or have other types.
+            pa.ArrowException, OSError: If a file cannot be read.
+        """
+        spec = self.spec(name)
+        found = [one for one in part.get_fragments(expression) if one.path not in self._checked]
+
+        def check(one: pds.Fragment) -> None:
+            if problem := schema_problem(one.physical_schema, spec):  # the scan uses the same footer
+                raise InputError(f"{one.path}: {problem}; it is no file of {name!r}")
+            self._checked.add(one.path)
+
+        if len(found) == 1:
+            check(found[0])
+        elif found:
+            with ThreadPoolExecutor(FOOTER_THREADS) as pool:
+                list(pool.map(check, found))
 
     def _files(self, name: str, scenario: str | None, weather: str | None, frames: range | None) -> pds.Dataset:
         """Return a table without the files whose folder and number exclude them.
@@ -214,16 +282,20 @@ class Dataset:
         return make_connection(self, search)
 
     def check_files(self, table: str) -> list[str]:
-        """Return the paths of a table's files.
+        """Return the paths of a table's published files.
 
         Raises:
             InputError: If its folder may not be read, or holds a file that is none of a dataset.
         """
-        return list_files(self.root, table, self.filesystem)
+        return list_files(self.root, table, self.filesystem, self._markers)
 
     def damage(self, table: str, error: Exception) -> InputError:
         """Return an error that names the first file of a table that cannot be read."""
-        return damage_of(self.root, table, self.filesystem, error)
+        try:
+            paths = self.check_files(table)
+        except InputError as found:
+            return found
+        return damage_of(self.root, self.spec(table), self.filesystem, paths, error)
 
     def _check_columns(self, table: str, names: Sequence[str]) -> None:
         """Check that the files of a table, by the first, have columns; reading all of them is slow.

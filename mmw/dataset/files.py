@@ -1,8 +1,8 @@
-"""List the files of a table, check their names, and name the first that cannot be read."""
+"""List the published files of a table, check their names, and name the first that cannot be read."""
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
 
 import pyarrow as pa
@@ -11,11 +11,43 @@ import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
 from mmw.storage.file_checks import SHARD_FILE, one_line
-from mmw.storage.schemas import table_spec
+from mmw.storage.schema_checks import schema_problem
+from mmw.storage.shard_writer import MARKERS
+from mmw.storage.table_spec import TableSpec
+
+_PLACE = re.compile(r"scenario=([^/]+)/(?:weather=([^/]+)/)?part-(\d+)\.parquet$")
+"""Scenario, weather and number in the path of a table's file; static tables have no weather."""
+
+NO_TABLES = ("stages", "assets")
+"""Folders of a dataset that hold no tables."""
 
 
-def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> list[str]:
-    """Return the paths of a table's files, sorted; names with a leading . or _ are skipped, as by other readers.
+def list_markers(root: PurePath, filesystem: pafs.FileSystem | None) -> frozenset[str]:
+    """Return the names of a dataset's markers; each stands for one published shard, or a scenario's static tables.
+
+    Raises:
+        InputError: If their folder may not be read.
+    """
+    return frozenset(path.rsplit("/", 1)[1] for path in _walk(root, MARKERS, filesystem) if path.endswith(".json"))
+
+
+def is_published(path: str, markers: Collection[str]) -> bool:
+    """Return whether the marker of a table's file is there; it is written after all files of its shard.
+
+    The name alone decides, so that nothing is read: `mmw verify` compares the content.
+    """
+    found = _PLACE.search(path)
+    if found is None:
+        return False
+    scenario, weather, number = found.groups()
+    return f"{scenario}.json" in markers if weather is None else f"{scenario}.{weather}.{number}.json" in markers
+
+
+def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, markers: Collection[str]) -> list[str]:
+    """Return the paths of a table's published files, sorted.
+
+    Names with a leading . or _ are skipped, as by other readers; so are files of shards without a marker: those of a
+    running or killed run, and copies.
 
     Raises:
         InputError: If a folder may not be read, or a file has a name that no file of a dataset has, or is a link that
@@ -26,18 +58,37 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -
     for path in paths:
         if not SHARD_FILE.fullmatch(path[len(root.as_posix()) + 1 :]):
             raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
+    paths = [path for path in paths if is_published(path, markers)]
+    for path in paths:
         if filesystem is None and Path(path).is_symlink() and not Path(path).exists():
             raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
     return paths
 
 
-def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> bool:
-    """Return whether a table's folder holds Parquet files.
+def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, markers: Collection[str]) -> bool:
+    """Return whether a table's folder holds published files.
 
     Raises:
         InputError: If a folder may not be read.
     """
-    return any(path.endswith(".parquet") for path in _walk(root, table, filesystem))
+    return any(is_published(path, markers) for path in _walk(root, table, filesystem))
+
+
+def list_folders(root: PurePath, filesystem: pafs.FileSystem | None) -> list[str]:
+    """Return the names of the folders at the top of a dataset that may be tables, sorted.
+
+    Raises:
+        InputError: If it may not be read.
+    """
+    try:
+        if filesystem is None:
+            names = [entry.name for entry in os.scandir(root) if entry.name not in NO_TABLES and entry.is_dir()]
+        else:
+            found = filesystem.get_file_info(pafs.FileSelector(root.as_posix()))
+            names = [info.base_name for info in found if info.type == pafs.FileType.Directory]
+    except OSError as error:
+        raise InputError(f"{root}: cannot be read ({error.strerror or one_line(error)})") from error
+    return sorted(name for name in names if name[0] not in "._" and name not in NO_TABLES)
 
 
 def _walk(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> Iterator[str]:
@@ -64,21 +115,18 @@ def _walk(root: PurePath, table: str, filesystem: pafs.FileSystem | None) -> Ite
         )
 
 
-def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, error: Exception) -> InputError:
+def damage_of(
+    root: PurePath, spec: TableSpec, filesystem: pafs.FileSystem | None, paths: Collection[str], error: Exception
+) -> InputError:
     """Return an error that names the first file of a table that cannot be read, by footers, then rows."""
     place = filesystem or pafs.LocalFileSystem()
-    key = table_spec(table).key
-    try:
-        paths = list_files(root, table, filesystem)
-    except InputError as found:
-        return found
     for is_whole in (False, True):
         for path in paths:
             try:
                 with place.open_input_file(path) as file, pq.ParquetFile(file) as parquet:
-                    missing = [name for name in key if name not in parquet.schema_arrow.names]
-                    if missing:
-                        return InputError(f"{path}: has no column {', '.join(missing)}; it is no file of {table!r}")
+                    problem = schema_problem(parquet.schema_arrow, spec)
+                    if problem:
+                        return InputError(f"{path}: {problem}; it is no file of {spec.name!r}")
                     for group in range(parquet.num_row_groups if is_whole else 0):
                         parquet.read_row_group(group)
             except PermissionError:
@@ -86,4 +134,4 @@ def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, er
             except (pa.ArrowException, OSError) as reason:
                 text = f"{path}: cannot be read ({one_line(reason)}); it is damaged"
                 return InputError(f"{text}; `mmw verify {root}` lists all that is")
-    return InputError(f"{root}: table {table!r}: {one_line(error)}; check the columns and files that are read")
+    return InputError(f"{root}: table {spec.name!r}: {one_line(error)}; check the columns and files that are read")

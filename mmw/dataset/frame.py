@@ -178,11 +178,15 @@ class Agent:
         """Return the sample of one of its sensors in this frame; None if there is none.
 
         A sensor of points gives a `PointCloud`, a camera a `View`, any other sensor the columns of its row as
-        attributes.
+        attributes, also where the package of the sensor is not installed.
 
         Raises:
-            InputError: If it has no such sensor, or no installed package provides its type.
+            InputError: If it has no such sensor, or neither an installed package nor a table knows its type.
         """
+        type_ = self._mount(name)["type"]
+        if type_ not in SENSORS and type_ in self.frame.data.tables:  # the primary table has the name of the type
+            row = self.frame.row_of(type_, self.name, name)
+            return None if row is None else SimpleNamespace(**row)
         spec = sensor_spec(self._mount(name))
         if spec.decode:
             return load_reference(spec.decode)(self, name)
@@ -345,7 +349,13 @@ def sensor_spec(row: Row) -> SensorSpec:
 
 
 def camera_view(agent: Agent, sensor: str) -> View:
-    """Return the images and the projection of a camera."""
+    """Return the images and the projection of a camera.
+
+    Raises:
+        InputError: If table `sensors` has no intrinsic parameters of it.
+    """
+    if sensor not in agent.views:
+        raise InputError(f"sensor {sensor!r}: fx of {agent.name} is null in table sensors; a camera needs a number")
     return agent.views[sensor]
 
 

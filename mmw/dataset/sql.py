@@ -15,7 +15,7 @@ from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.beams import BeamSearch, csi_sql
-from mmw.storage.schemas import table_spec
+from mmw.storage.schemas import SCHEMA_VERSION
 
 if TYPE_CHECKING:
     import duckdb
@@ -149,8 +149,8 @@ def point_views() -> dict[str, tuple[tuple[str, ...], str]]:
     return found
 
 
-_FILE = re.compile(r"/scenario=([^/]+)/weather=[^/]+/part-(\d+)\.parquet$")
-"""Scenario and first frame in a file's path."""
+_FILE = re.compile(r"/(scenario=[^/]+/weather=[^/]+)/part-(\d+)\.parquet$")
+"""Folder and first frame in a file's path."""
 
 _OPEN: "weakref.WeakSet[Any]" = weakref.WeakSet()
 """Open connections."""
@@ -179,7 +179,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
     with needed_by("mmw.dataset.connect"):
         import duckdb
     if not dataset.tables:
-        raise InputError(f"{dataset.root}: holds no table yet; run mmw.run first")
+        raise InputError(f"{dataset.root}: {dataset.content}")
     connection = duckdb.connect()
     connection.execute("SET parquet_metadata_cache = true")  # a query of one frame reads mostly footers
     for name in dataset.tables:
@@ -187,23 +187,25 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
         if dataset.filesystem is not None:
             connection.register(name, dataset.arrow(name))
             continue
-        files = f"{glob.escape(str(dataset.root / name))}/**/*.parquet".replace("'", "''")
+        dataset.arrow(name)  # checks the columns of the first file
+        files = ", ".join(_quoted(glob.escape(path)) for path in names)
         try:
             connection.execute(
                 f"CREATE VIEW {name} AS SELECT * FROM "
-                f"read_parquet('{files}', hive_partitioning = true, hive_types_autocast = false)"
+                f"read_parquet([{files}], hive_partitioning = true, hive_types_autocast = false)"
             )
         except duckdb.Error as error:
             raise dataset.damage(name, error) from error
-        missing = set(table_spec(name).key) - set(connection.table(name).columns)
-        if missing:
-            raise dataset.damage(name, InputError(f"has no column {', '.join(sorted(missing))}"))
-        if table_spec(name).framed:
+        if dataset.spec(name).framed:
             connection.execute(frame_macro(name, str(dataset.root), names))
     _add_functions(connection, search or BeamSearch())
     for needed, statement in (point_views() | VIEWS).values():
         if set(needed) <= set(dataset.tables):
-            connection.execute(statement)
+            try:
+                connection.execute(statement)
+            except duckdb.BinderException:
+                if dataset.info["schema_version"] == SCHEMA_VERSION:
+                    raise  # an older schema lacks columns that a view needs
     _OPEN.add(connection)
     return connection
 
@@ -224,13 +226,17 @@ def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
         if found:
             begins[found[1]].add(int(found[2]))
     cases = ""
-    for scenario, numbers in sorted(begins.items()):
-        first = min(numbers)
+    for folder, numbers in sorted(begins.items()):
+        first, last = min(numbers), max(numbers)
         step = math.gcd(*(number - first for number in numbers)) or 1 << 30  # one file has all frames
-        cases += f" WHEN {_quoted(scenario)} THEN {first} + (in_frame - {first}) // {step} * {step}"
+        number = f"{first} + (in_frame - {first}) // {step} * {step}"
+        if len(numbers) != (last - first) // step + 1:  # files in between are not published
+            number = f"list_max(list_filter({sorted(numbers)}, lambda number: number <= in_frame))"
+        cases += f" WHEN {_quoted(folder)} THEN {number}"
     path = (
-        f"{_quoted(glob.escape(root))} || '/{table}/scenario=' || in_scenario || '/weather=' || in_weather || "
-        f"'/part-' || printf('%06d', CASE in_scenario{cases} ELSE 0 END) || '.parquet'"
+        f"{_quoted(glob.escape(root))} || '/{table}/scenario=' || in_scenario || '/weather=' || in_weather || '/part-' "
+        f"|| printf('%06d', CASE 'scenario=' || in_scenario || '/weather=' || in_weather{cases} ELSE -1 END)"
+        " || '.parquet'"
     )
     return (
         f"CREATE MACRO {table}_at(in_scenario, in_weather, in_frame) AS TABLE SELECT * FROM "

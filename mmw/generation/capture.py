@@ -11,6 +11,7 @@ from mmw.channel.rows import link_rows, path_rows
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.registry import load_reference
+from mmw.generation.plugin_faults import checked_columns, plugin_faults
 from mmw.scene.rows import frame_rows, pose_rows
 from mmw.scene.table_rows import names
 from mmw.scene.views import sample_views
@@ -66,16 +67,17 @@ def _simulate(
     with batch.clock.stage(sensor.name, round(len(views) * spec.estimate(sensor).rays)):
         weathers = {name: batch.weather(name) for name in collected}
         data = SensorInput(batch.scene, batch.motion, views, weathers, batch.config.seed, batch.scenario.name)
-        samples = load_reference(spec.simulate)(data, sensor)
-        to_tables = load_reference(spec.to_tables)
+        with plugin_faults(sensor):
+            samples = load_reference(spec.simulate)(data, sensor)
+            by_weather = {name: load_reference(spec.to_tables)(data, sensor, samples[name]) for name in collected}
         key = {
             "frame": views.frame.astype(np.int32),
             "agent": names(batch.arrays, views.actor),
             "sensor": sensor.name,
         }
         for weather, tables in collected.items():
-            for name, columns in to_tables(data, sensor, samples[weather]).items():
-                tables[name].append({**key, **columns})
+            for name, columns in by_weather[weather].items():
+                tables[name].append(checked_columns(sensor, name, {**key, **columns}))
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int], collected: TableRows) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 from mmw.config import Config
 from mmw.config.input_paths import input_places
 from mmw.config.load import load_config, to_yaml
+from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.generation.software import own_software, software_of
 from mmw.scene.input_files import hash_shipped_towns
@@ -51,14 +52,17 @@ def stored_config(root: Root) -> Config:
 
 
 def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
-    """Return versions, revision, digest of the code, device, and the hashes of shipped towns.
+    """Return versions, revision, digest of the code, device, hashes of shipped towns, and the packages of sensors.
 
-    `software` is one line of all that rows depend on, see `software_of`.
+    `software` is one line of all that rows depend on, see `software_of`. `sensors` names the distribution of each type
+    of sensor that is not mmw's, for readers that do not have it.
 
     Raises:
         InputError: If a file of the configuration does not exist.
     """
     own = own_software(config)
+    owners = {sensor.type: SENSORS.owner(sensor.type) for sensor in config.sensors}
+    plugins = {type_: owner for type_, owner in sorted(owners.items()) if owner != "mmw"}
     return {
         **own,
         "software": software_of(own),
@@ -66,6 +70,7 @@ def versions(config: Config, base: Path, machine: str) -> dict[str, Any]:
         "python": platform.python_version(),
         "device": machine,
         "sources": hash_shipped_towns(config, base),
+        **({"sensors": plugins} if plugins else {}),
     }
 
 

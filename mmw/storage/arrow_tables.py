@@ -50,6 +50,16 @@ def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
     return pa.Table.from_arrays(arrays, schema=arrow_schema(name))
 
 
+def check_columns(name: str, columns: Mapping[str, Any]) -> None:
+    """Check the columns of a table, of which `scenario` and `weather` may be left out, as `unsorted_table` does.
+
+    Raises:
+        ValueError: As `unsorted_table`.
+    """
+    fixed = {field.name: "" for field in table_spec(name).columns if field.name in ("scenario", "weather")}
+    unsorted_table(name, {**fixed, **columns})
+
+
 def check_table(name: str, table: pa.Table) -> pa.Table:
     """Return an Arrow table after the checks of `table_from_columns`."""
     return table_from_columns(name, {column: table.column(column) for column in table.column_names})

@@ -19,6 +19,7 @@ from mmw.storage.identity import inputs_sha256, is_of, mixtures
 from mmw.storage.manifest import DATASET, MANIFEST, manifest_rows, named_markers, read_dataset
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.parquet_writer import ROWS
+from mmw.storage.schema_checks import schema_problem
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.storage.shard_writer import FILE_META, MARKERS, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
@@ -191,7 +192,7 @@ def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterato
         yield Finding("schema", name, f"columns of schema {version} are not among those of table {table!r}")
     spec = table_spec(table)
     fixed = {"scenario": marker["scenario"], **({"weather": marker["weather"]} if spec.framed else {})}
-    if not set(found.names) >= {*spec.key, *fixed}:
+    if not set(found.names) >= {*spec.key, *fixed} or schema_problem(found, spec, [*fixed, *spec.key]):
         return  # the schema was found wrong already
     yield from _check_values(parquet, name)
     rows = parquet.read(columns=[*fixed, *spec.key])

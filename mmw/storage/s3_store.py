@@ -22,6 +22,7 @@ import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
+from mmw.core.file_names import path_inside
 from mmw.core.resources import cache_dir
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError, write_bytes_atomically
@@ -255,7 +256,7 @@ class Bucket(Store):
         def download(name: str) -> None:
             data = self.read(name)
             if data is not None:
-                write_bytes_atomically(folder / name, data)
+                write_bytes_atomically(path_inside(folder, name), data)
 
         with ThreadPoolExecutor(READ_THREADS) as pool:
             list(pool.map(download, names))

@@ -13,22 +13,27 @@ A killed task leaves no marker, so the same command runs it again.
 import json
 import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.core.file_names import check_file_name, is_file_name
 from mmw.core.progress_bar import Progress
 from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.export.registry import load_format
 from mmw.storage.atomic_files import write_bytes_atomically
+from mmw.storage.store import DATASET
 
 STATE = "_export.json"
 """File that names the dataset and options of an export."""
 DONE = "_done"
 """Folder of the markers, one a task."""
+MAX_TASK_BYTES = 200
+"""Longest name of a task, which is a part of the name of its folder."""
 FINISHED = "finish"
 """Marker of a format's last step, which no task may be called."""
 
@@ -63,7 +68,7 @@ class Task:
     """One unit of an export that can be repeated alone."""
 
     name: str
-    """Deterministic, unique in the export, letters, digits and `_.-=`: the file name of its marker."""
+    """Deterministic, unique in the export, a plain file name (`mmw.core.file_names`): that of its marker."""
     run: Callable[[Path], None]
     """Writes the files under the folder it is given, with their final paths relative to it."""
 
@@ -123,17 +128,37 @@ def export(
     is_local = dataset.filesystem is None
     if is_local and (out == dataset.root or dataset.root in out.parents or out in dataset.root.parents):
         raise InputError(f"{out}: overlaps the dataset {dataset.root}; an export needs a folder of its own; give one")
-    tasks = form.tasks(dataset, selection, values)
+    with _lookups(dataset, form.name):
+        tasks = form.tasks(dataset, selection, values)
     _check_names(form, tasks)
     _open_folder(out, _state(dataset, form, selection, values, tasks))
     pending = [task for task in tasks if not _is_done(out, task.name)]
     with Progress(f"{form.name} -> {out}", len(tasks), len(tasks) - len(pending)) as progress:
         for task in pending:
-            _make(out, task)
+            with _lookups(dataset, f"{form.name}: {task.name}"):
+                _make(out, task)
             progress.advance(task.name)
         if form.finish is not None and (pending or not _is_done(out, FINISHED)):
-            form.finish(dataset, selection, out)
+            with _lookups(dataset, form.name):
+                form.finish(dataset, selection, out)
             write_bytes_atomically(_marker(out, FINISHED), b'{"files": {}}\n')
+
+
+@contextmanager
+def _lookups(dataset: Dataset, where: str) -> Iterator[None]:
+    """Name the dataset where a row, or its configuration, names something that no other row has.
+
+    Raises:
+        InputError: If a lookup of the block fails; the log file has the trace.
+    """
+    try:
+        yield
+    except (LookupError, StopIteration) as error:
+        text = " ".join(str(error).split())
+        raise InputError(
+            f"{where}: {dataset.root}: {text or type(error).__name__} is named in a table or in {DATASET}, but is not "
+            f"where it belongs; `mmw verify {dataset.root}` lists what is wrong; if that is nothing, report this"
+        ) from error
 
 
 def checked_options(form: Format, given: Options) -> Options:
@@ -189,7 +214,8 @@ def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
         step: Only frames that are multiples of it: a sensor of a lower rate samples multiples of its period too.
 
     Raises:
-        InputError: If the dataset has no such scenario, weather or agent, or nothing is left.
+        InputError: If the dataset has no such scenario, weather or agent, nothing is left, or a name of what is left
+            cannot be that of a file.
     """
     require(dataset, "every export", "frames", "poses")
     picked: dict[tuple[str, str], list[int]] = {}
@@ -207,9 +233,13 @@ def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
             for frame in sorted(frames)
             if frame % step == 0 and (selection.frames is None or frame in selection.frames)
         ]
-        names = [name for name in agents[scenario] if not selection.agents or name in selection.agents]
+        names = [name for name in agents.get(scenario, ()) if not selection.agents or name in selection.agents]
         is_wanted = scenario in (selection.scenarios or (scenario,)) and weather in (selection.weathers or (weather,))
         if is_wanted and wanted and names:
+            check_file_name(scenario, "scenario", dataset.root)
+            check_file_name(weather, "weather", dataset.root)
+            for name in names:
+                check_file_name(name, "agent", dataset.root)
             result.append(Part(scenario, weather, tuple(wanted), tuple(names)))
     if not result:
         every = f", one frame in {step}" if step > 1 else ""
@@ -239,7 +269,7 @@ def _check_known(dataset: Dataset, kind: str, given: tuple[str, ...], known: set
 def _check_names(form: Format, tasks: list[Task]) -> None:
     names = [task.name for task in tasks]
     for name in names:
-        if not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_.=-]*", name) or name == FINISHED:
+        if not is_file_name(name, MAX_TASK_BYTES) or name == FINISHED:
             raise InputError(f"{form.name}: task {name!r}: is no file name; letters, digits and _.=- are needed")
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)

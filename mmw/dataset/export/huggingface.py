@@ -36,8 +36,8 @@ from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.file_checks import one_line
 from mmw.storage.manifest import CARD, CONFIG, DATASET, read_markers
 from mmw.storage.parquet_schema import write_options
-from mmw.storage.schemas import TABLES, column_text, table_spec
-from mmw.storage.table_spec import IMAGE
+from mmw.storage.schemas import column_text
+from mmw.storage.table_spec import IMAGE, TableSpec
 
 TAGS = ("wireless", "channel-state-information", "v2x", "lidar", "radar", "camera", "synthetic", "time-series")
 """Tags of the card."""
@@ -65,27 +65,28 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     picked = parts(dataset, selection)
     for name in sorted({part.scenario for part in picked}):
         weathers = [part.weather for part in picked if part.scenario == name]
-        files = {table: path for table, path in _files(dataset, f"scenario={name}/*.parquet") if path.is_file()}
+        files = dict(_files(dataset, f"scenario={name}"))
         picks = {"weather": weathers if selection.weathers else None, "agent": selection.agents}
-        planned.append(Task(name, partial(_write, files, name, picks)))
+        planned.append(Task(name, partial(_write, dataset, files, name, picks)))
     for part in picked:
         picks = {"frame": part.frames if selection.frames is not None else None, "agent": selection.agents}
         shards: dict[str, dict[str, Path]] = {}
-        for table, path in _files(dataset, f"scenario={part.scenario}/weather={part.weather}/*.parquet"):
+        for table, path in _files(dataset, f"scenario={part.scenario}/weather={part.weather}"):
             shards.setdefault(path.stem.removeprefix("part-"), {})[table] = path
         begins = sorted(shards)
         for begin, after in zip(begins, [*begins[1:], None], strict=True):
             if any(int(begin) <= frame and (after is None or frame < int(after)) for frame in part.frames):
                 name = f"{part.scenario}.{part.weather}.{begin}"
-                planned.append(Task(name, partial(_write, shards[begin], name, picks)))
+                planned.append(Task(name, partial(_write, dataset, shards[begin], name, picks)))
     return planned
 
 
-def _files(dataset: Dataset, pattern: str) -> Iterable[tuple[str, Path]]:
-    """Yield table and path of the files that match a pattern in the tables' folders."""
+def _files(dataset: Dataset, folder: str) -> Iterable[tuple[str, Path]]:
+    """Yield table and path of the published files in a folder of every table."""
     for table in dataset.tables:
-        for path in sorted((dataset.root / table).glob(pattern)):
-            yield table, path
+        for path in map(Path, dataset.check_files(table)):
+            if path.parent == dataset.root / table / folder:
+                yield table, path
 
 
 def _write_provenance(dataset: Dataset, out: Path) -> None:
@@ -94,14 +95,17 @@ def _write_provenance(dataset: Dataset, out: Path) -> None:
             shutil.copyfile(dataset.root / name, out / name)
 
 
-def _write(files: dict[str, Path], name: str, picks: Mapping[str, Sequence[Any] | None], out: Path) -> None:
+def _write(
+    dataset: Dataset, files: dict[str, Path], name: str, picks: Mapping[str, Sequence[Any] | None], out: Path
+) -> None:
     """Write tables; rows with the picked values of those columns that are in a table's key, all if none is picked."""
     for table, path in files.items():
-        own = {column: values for column, values in picks.items() if values and column in table_spec(table).key}
-        _copy(table, path, own, out / table / f"{name}.parquet")
+        spec = dataset.spec(table)
+        own = {column: values for column, values in picks.items() if values and column in spec.key}
+        _copy(spec, path, own, out / table / f"{name}.parquet")
 
 
-def _copy(table: str, path: Path, picks: Mapping[str, Sequence[Any]], target: Path) -> None:
+def _copy(spec: TableSpec, path: Path, picks: Mapping[str, Sequence[Any]], target: Path) -> None:
     """Copy a file, or the rows whose columns have one of the picked values; nothing if no row is left."""
     schema = _read(path, pq.read_schema)
     loose = _with_nullable_images(schema)
@@ -115,9 +119,9 @@ def _copy(table: str, path: Path, picks: Mapping[str, Sequence[Any]], target: Pa
         rows = rows.filter(pc.is_in(rows[column].cast(type_), value_set=pa.array(list(values), type_)))
     if rows.num_rows:
         target.parent.mkdir(parents=True, exist_ok=True)
-        frames = table_spec(table).frames_per_group
+        frames = spec.frames_per_group
         group = max(frames * frame_rows(rows), 1) if frames else 65_536
-        pq.write_table(rows, target, row_group_size=group, **write_options(table))
+        pq.write_table(rows, target, row_group_size=group, **write_options(spec))
 
 
 def _read(path: Path, reader: Callable[[Path], Any]) -> Any:
@@ -141,7 +145,7 @@ def _with_nullable_images(schema: pa.Schema) -> pa.Schema:
 def finish(dataset: Dataset, selection: Selection, out: Path) -> None:
     """Write the dataset card from the files in the folder."""
     counts: dict[str, dict[str, int]] = {}
-    for table in TABLES:
+    for table in dataset.tables:
         files = sorted((out / table).glob("*.parquet"))
         if files:
             rows = sum(pq.read_metadata(path).num_rows for path in files)
@@ -208,13 +212,13 @@ def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]]
         "| configuration | one row is | rows | MB |",
         "|---|---|---:|---:|",
         *(
-            f"| {table} | {TABLES[table].doc} | {count['rows']:,} | {count['bytes'] / 1e6:,.1f} |"
+            f"| {table} | {dataset.spec(table).doc} | {count['rows']:,} | {count['bytes'] / 1e6:,.1f} |"
             for table, count in counts.items()
         ),
     ]
     for table in counts:
         lines += ["", f"### {table}", "", "| column | unit | meaning |", "|---|---|---|"]
-        for field in table_spec(table).columns:
+        for field in dataset.spec(table).columns:
             text = column_text(field)
             cells = (field.name, text.get("unit", ""), text.get("doc", ""))
             lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")

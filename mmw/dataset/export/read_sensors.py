@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from mmw.core.errors import InputError
+from mmw.core.file_names import check_file_name
 from mmw.core.geodesy import world_from_mercator, world_from_wgs84
 from mmw.core.transforms import compose, make_pose, pose_from_ypr
 from mmw.dataset import Dataset
@@ -23,6 +24,9 @@ BLOCK_FRAMES = 100
 
 PEOPLE = ("pedestrian",)
 """Categories that are no vehicle."""
+
+NAMES = ("agent", "peer", "sensor")
+"""Columns whose values may become names of files."""
 
 Row = dict[str, Any]
 """Row of a table: column -> value."""
@@ -48,9 +52,20 @@ class Sensor:
 
 
 def sensors_of(dataset: Dataset, scenario: str) -> dict[str, dict[str, Sensor]]:
-    """Return the sensors of a scenario by agent, then by name; those of an agent without any are empty."""
+    """Return the sensors of a scenario by agent, then by name; those of an agent without any are empty.
+
+    Raises:
+        InputError: If a name cannot be that of a file, or an RGB camera has no intrinsic parameters.
+    """
     result: dict[str, dict[str, Sensor]] = defaultdict(dict)
     for row in dataset.read("sensors", scenario=scenario).to_pylist():
+        check_file_name(row["sensor"], "sensor", dataset.root)
+        lost = [name for name in ("fx", "fy", "cx", "cy") if row[name] is None]
+        if lost and (row["type"] == "rgb" or len(lost) < 4):
+            raise InputError(
+                f"{dataset.root}: table 'sensors': {', '.join(lost)} of {row['agent']} {row['sensor']} is null; a "
+                "camera needs a number; put the old table back"
+            )
         matrix = None
         if row["fx"] is not None:
             matrix = np.array([[row["fx"], 0.0, row["cx"]], [0.0, row["fy"], row["cy"]], [0.0, 0.0, 1.0]])
@@ -93,9 +108,19 @@ def box_corners(row: Row) -> np.ndarray:
 
 
 def gnss_position(row: Row, sensor: Sensor) -> np.ndarray:
-    """Return the position of a row of `gnss` in the world [m], shape [3], by the reference point of its sensor."""
-    params = json.loads(sensor.params)
-    reference = [params[f"reference_{name}"] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
+    """Return the position of a row of `gnss` in the world [m], shape [3], by the reference point of its sensor.
+
+    Raises:
+        InputError: If the parameters of the sensor do not hold it.
+    """
+    try:
+        params = json.loads(sensor.params)
+        reference = [float(params[f"reference_{name}"]) for name in ("latitude_deg", "longitude_deg", "altitude_m")]
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        raise InputError(
+            f"table sensors: params of {sensor.agent} {sensor.name} hold no reference point ({type(error).__name__}: "
+            f"{error}); the table was changed; put the old one back"
+        ) from error
     to_world = world_from_mercator if params["mode"] == "carla" else world_from_wgs84
     return to_world([row["latitude_deg"], row["longitude_deg"], row["altitude_m"]], reference)
 
@@ -172,12 +197,20 @@ class Block:
         return found
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
-        """Return the rows of a table; `frame` is among the columns."""
+        """Return the rows of a table; `frame` is among the columns.
+
+        Raises:
+            InputError: If the name of an agent or sensor cannot be that of a file.
+        """
         rows = self.dataset.read(
             name, columns=columns, scenario=self.scenario, weather=self.weather, frames=_frame_range(self.frames),
             agent=self.agent,
         )  # fmt: skip
-        return rows.filter(pc.is_in(rows["frame"], value_set=pa.array(self.frames, pa.int32())))
+        rows = rows.filter(pc.is_in(rows["frame"], value_set=pa.array(self.frames, pa.int32())))
+        for kind in set(NAMES) & set(rows.column_names):
+            for text in rows[kind].unique().drop_null().to_pylist():
+                check_file_name(text, kind, self.dataset.root)
+        return rows
 
 
 def sensor_to_world(agent_pose: np.ndarray, sensor: Sensor) -> np.ndarray:

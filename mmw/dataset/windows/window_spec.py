@@ -70,6 +70,11 @@ class Feature:
 
     def __post_init__(self) -> None:
         where = f"Feature({self.modality!r})"
+        if self.modality in SENSORS and SENSORS[self.modality].window is None:
+            raise InputError(
+                f"{where}: sensor type {self.modality!r} has no modality; set `SensorSpec.window` in its package "
+                f"({SENSORS.owner(self.modality)}), or name one of {', '.join(modalities())}"
+            )
         if self.modality not in modalities():
             raise InputError(f"{where}: no such modality; they are {', '.join(modalities())}; name one of them")
         if self.span not in ("past", "future"):

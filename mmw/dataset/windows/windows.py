@@ -234,7 +234,7 @@ def _check_tables(data: Dataset, spec: WindowSpec) -> None:
         if missing:
             raise InputError(
                 f"{data.root}: Feature({feature.modality!r}) needs table {' and '.join(missing)}, which has no file; "
-                f"it holds {', '.join(data.tables) or 'no table'}; choose other features or record it"
+                f"it {data.content}; choose other features or record it"
             )
 
 

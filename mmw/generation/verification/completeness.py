@@ -30,6 +30,8 @@ from mmw.storage.manifest import (
     pending_shards,
     read_dataset,
 )
+from mmw.storage.schema_checks import schema_problem
+from mmw.storage.schemas import table_spec
 from mmw.storage.shard_writer import ShardKey, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 
@@ -237,8 +239,12 @@ def _read(root: Store, path: str, columns: tuple[str, ...]) -> pa.Table | None:
         rows = root.read_columns(path, columns)
     except (pa.ArrowException, OSError) as error:
         raise _UnreadableError(path, f"cannot be read: {one_line(error)}") from error
-    if missing := [column for column in columns if column not in rows.column_names]:
-        raise _UnreadableError(path, f"lacks the column {', '.join(missing)}")
+    spec = table_spec(path.split("/")[0])
+    if problem := schema_problem(rows.schema, spec, columns):
+        raise _UnreadableError(path, problem)
+    for field in spec.columns:
+        if field.name in columns and not field.nullable and (count := rows.column(field.name).null_count):
+            raise _UnreadableError(path, f"column {field.name} is null in {count} rows")
     return rows
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import make_pose, quaternion_from_ypr
 from mmw.dataset import Dataset, Frame, open_dataset
-from mmw.dataset.camera_geometry import from_world, pose_from_row
+from mmw.dataset.camera_geometry import from_world, intrinsics_from_row, pose_from_row
 from mmw.storage.codecs.images import decode_depth
 from mmw.storage.file_checks import Finding
 
@@ -196,7 +196,8 @@ def _depth_observers(here: Frame) -> Iterator[tuple[str, str, Observer]]:
 def _in_depth(depth: np.ndarray, mount: dict[str, Any], point: np.ndarray) -> bool | None:
     if point[0] < MARGIN_M:
         return None
-    u, v = (int(mount[c] - mount[f] * point[i] / point[0]) for c, f, i in (("cx", "fx", 1), ("cy", "fy", 2)))
+    lens = intrinsics_from_row(mount)
+    u, v = int(lens.cx - lens.fx * point[1] / point[0]), int(lens.cy - lens.fy * point[2] / point[0])
     around = max(round(AROUND * mount["width"]), 1)
     if not (around <= u < mount["width"] - around and around <= v < mount["height"] - around):
         return None

@@ -186,14 +186,14 @@ def test_absent_names_are_refused(features, past, message) -> None:
 
 
 def test_an_absent_table_is_named(tmp_path) -> None:
-    for name in ("dataset.json", "poses", "sensors"):
+    for name in ("dataset.json", "_shards", "poses", "sensors"):
         (tmp_path / name).symlink_to(window_data() / name)
     with pytest.raises(ValueError, match=r"Feature\('beams'\) needs table links and paths, which has no file"):
         open_windows(tmp_path, WindowSpec(["beams"], past=1))
 
 
 def test_without_table_sensors_hold_must_be_given(tmp_path) -> None:
-    for name in ("dataset.json", "poses", "rgb"):
+    for name in ("dataset.json", "_shards", "poses", "rgb"):
         (tmp_path / name).symlink_to(window_data() / name)
     with pytest.raises(ValueError, match=r"table sensors has no row for circle cav_1 front, .* give `max_age_frames`"):
         open_windows(tmp_path, WindowSpec(["rgb"], past=1))

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from mmw.core.file_names import check_file_name
 from mmw.core.transforms import quaternion_to_ypr, transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_point, carla_pose
@@ -81,12 +82,17 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
 
 
 def scenario_folder(dataset: Dataset, part: Part) -> str:
-    """Return the folder of a scenario: `sunny/Town03/Town03_roundabout_seed42` for `town03_roundabout`."""
+    """Return the folder of a scenario: `sunny/Town03/Town03_roundabout_seed42` for `town03_roundabout`.
+
+    Raises:
+        InputError: If the name of the town cannot be that of a folder.
+    """
     config = dataset.info["config"]
     found = next(entry for entry in config["scenarios"] if entry["name"] == part.scenario)
-    town = (found["town"] or "stage").capitalize()
+    town = Path(found["town"] or "stage").stem.capitalize()  # a town may be a file of the user's
+    check_file_name(town, "town", dataset.root)
     rest = part.scenario[len(town) :].lstrip("_") if part.scenario.lower().startswith(town.lower()) else part.scenario
-    return f"{part.weather}/{town}/{'_'.join(filter(None, (town, rest)))}_seed{config['seed']}"
+    return f"{part.weather}/{town}/{'_'.join(filter(None, (town, rest)))}_seed{int(config['seed'])}"
 
 
 def write_sensors(block: Block, agents: Sequence[str], folder: str, options: Options, out: Path) -> None:
