@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from mmw.cli.command import run_command
 from mmw.core.errors import InputError
-from mmw.storage.file_checks import Finding, verify
+from mmw.storage.file_checks import verify
+from mmw.storage.finding import Finding
 from mmw.storage.store import Root, store_of
 
 MAX_LINES = 40
@@ -61,17 +62,22 @@ def check(root: Root, frames_each: int) -> list[Finding]:
     Raises:
         InputError: If the folder is not a dataset, or its configuration cannot be read.
     """
-    findings = verify(root)
-    if any(finding.path == "dataset.json" for finding in findings):
-        return findings  # of another schema: nothing else can be judged
-    from mmw.generation.verification.completeness import check_plan
+    from mmw.generation.verification.completeness import PlannedRows, check_plan, read_plan
     from mmw.generation.verification.physics import check_physics
 
+    store = store_of(root)
+    config, problems = read_plan(store)
+    rows = None if config is None else PlannedRows(store, config)
+    findings = verify(store, rows)
+    if any(finding.path == "dataset.json" for finding in findings):
+        return findings  # of another schema: nothing else can be judged
+    if config is not None and rows is not None:
+        problems = [*rows.findings, *rows.check_static(), *check_plan(store, config)]
     known = {(finding.kind, finding.path) for finding in findings}
-    findings += [finding for finding in check_plan(root) if (finding.kind, finding.path) not in known]
+    findings += [finding for finding in problems if (finding.kind, finding.path) not in known]
     if not any(finding.is_error for finding in findings):
         try:
-            findings += check_physics(store_of(root).address, frames_each)
+            findings += check_physics(store.address, frames_each)
         except InputError as error:  # rows that no reader can use
             findings.append(Finding("schema", "tables", str(error)))
     return findings

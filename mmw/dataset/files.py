@@ -10,7 +10,8 @@ import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
-from mmw.storage.file_checks import SHARD_FILE, one_line
+from mmw.storage.file_checks import SHARD_FILE
+from mmw.storage.finding import one_line
 from mmw.storage.schema_checks import schema_problem
 from mmw.storage.shard_writer import MARKERS
 from mmw.storage.table_spec import TableSpec

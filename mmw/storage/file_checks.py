@@ -2,68 +2,47 @@
 
 import hashlib
 import re
-from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
 from mmw.core.temp_files import is_temporary
+from mmw.storage.finding import Finding, one_line
 from mmw.storage.identity import inputs_sha256, is_of, mixtures
 from mmw.storage.manifest import DATASET, MANIFEST, manifest_rows, named_markers, read_dataset
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.parquet_writer import ROWS
+from mmw.storage.row_checks import Chunk, CountRows, check_chunk, columns_to_read
 from mmw.storage.schema_checks import schema_problem
-from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.storage.shard_writer import FILE_META, MARKERS, key_of, marker_path, table_path
+from mmw.storage.schemas import SCHEMA_VERSION, TABLES
+from mmw.storage.shard_writer import FILE_META, MARKERS, ShardKey, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
-
-HARMLESS = ("temporary", "note", "mixed")
-"""Kinds of findings that are no error."""
+from mmw.storage.table_spec import TableSpec
 
 SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
 """Path of a table's file, relative to the dataset folder."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Problem of a dataset, or a note."""
-
-    kind: str
-    """missing, size, sha256, parquet, rows, schema, key, duplicate, value, orphan, foreign, config, inputs, versions,
-    marker, manifest, count, friis, sight, box, regenerated: the data is incomplete or wrong. temporary: a file of a
-    killed run that no reader takes and a rerun removes. mixed: shards of several versions or kinds of machine, which
-    the one who ran them accepted. note: anything that could not be checked."""
-    path: str
-    """File, relative to the dataset folder."""
-    text: str
-
-    @property
-    def is_error(self) -> bool:
-        """True if data is missing or damaged; False for harmless files and notes."""
-        return self.kind not in HARMLESS
-
-    def __str__(self) -> str:
-        return f"{self.kind}: {self.path}: {self.text}"
-
-
-def verify(root: Root) -> list[Finding]:
+def verify(root: Root, count_rows: CountRows | None = None) -> list[Finding]:
     """Return all problems of a dataset; none means that every file matches its marker.
+
+    Args:
+        root: Dataset.
+        count_rows: Compares the rows of files in which nothing is wrong with a configuration.
 
     Raises:
         InputError: If it is not a dataset.
         StoreError: If a store cannot be reached.
     """
-    return list(_find(store_of(root)))
+    return list(_find(store_of(root), count_rows))
 
 
-def _find(store: Store) -> Iterator[Finding]:
+def _find(store: Store, count_rows: CountRows | None) -> Iterator[Finding]:
     head = read_dataset(store)
     yield from _check_version(DATASET, head["schema_version"])
     if "inputs" in head and inputs_sha256(head["inputs"]) != head["inputs_sha256"]:
@@ -73,24 +52,30 @@ def _find(store: Store) -> Iterator[Finding]:
         if name.endswith(".json") and name not in markers:
             yield Finding("marker", name, "cannot be read; run the configuration again")
     listed: dict[str, dict] = {}
+    chunk = Chunk("")
+    columns = {} if count_rows is None else count_rows.columns
+    tables = {table: (spec, arrow_schema(spec)) for table, spec in TABLES.items()}
     for name, marker in markers.items():
         yield from _check_version(name, marker["schema_version"])
         key = key_of(marker)
         if marker_path(key).as_posix() != name:
             yield Finding("marker", name, f"is the marker of {key}; put its own back, or run the configuration again")
             continue
+        if chunk.is_full or chunk.scenario != marker["scenario"]:
+            yield from check_chunk(chunk, count_rows)
+            chunk = Chunk(marker["scenario"])
+        chunk.keys.append(key)
         for file in marker["files"]:
-            if file["path"] != table_path(file["table"], key).as_posix():
-                yield Finding("marker", name, f"lists {file['path']}, which is no file of {key}")
-                continue
-            if file["path"] in listed:
-                yield Finding("marker", file["path"], "two markers list the file")
-            listed[file["path"]] = file
-            if marker["config_sha256"] != head["config_sha256"]:
-                yield Finding("config", file["path"], f"made by configuration {marker['config_sha256'][:12]}")
-            elif not is_of(marker, head):
-                yield Finding("inputs", file["path"], "made from other input files than the dataset was begun with")
-            yield from _check_file(store, file, marker)
+            found = list(_check_listed(file, marker, key, head, listed))
+            if not found:
+                found = list(
+                    _check_file(store, file, marker, tables.get(file["table"]), chunk, columns.get(file["table"], ()))
+                )
+            if found:
+                chunk.wrong.add(len(chunk.keys) - 1)
+            listed.setdefault(file["path"], file)
+            yield from found
+    yield from check_chunk(chunk, count_rows)
     yield from check_makers(head, markers)
     yield from _check_overlaps(markers)
     yield from _check_others(store, listed)
@@ -145,7 +130,30 @@ def _check_version(path: str, text: str) -> Iterator[Finding]:
         yield Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")
 
 
-def _check_file(store: Store, file: dict, marker: dict) -> Iterator[Finding]:
+def _check_listed(
+    file: dict, marker: dict, key: ShardKey | str, head: Mapping[str, Any], listed: Mapping[str, dict]
+) -> Iterator[Finding]:
+    """Yield what is wrong with the entry of a file in a marker."""
+    path = file["path"]
+    if path != table_path(file["table"], key).as_posix():
+        yield Finding("marker", marker_path(key).as_posix(), f"lists {path}, which is no file of {key}")
+    elif path in listed:
+        yield Finding("marker", path, "two markers list the file")
+    elif marker["config_sha256"] != head["config_sha256"]:
+        yield Finding("config", path, f"made by configuration {marker['config_sha256'][:12]}")
+    elif not is_of(marker, head):
+        yield Finding("inputs", path, "made from other input files than the dataset was begun with")
+
+
+def _check_file(
+    store: Store,
+    file: dict,
+    marker: dict,
+    table: tuple[TableSpec, pa.Schema] | None,
+    chunk: Chunk,
+    columns: Sequence[str],
+) -> Iterator[Finding]:
+    """Yield what is wrong with a file; add its rows to a chunk if nothing is."""
     name = file["path"]
     data = store.read(name)
     if data is None:
@@ -154,89 +162,51 @@ def _check_file(store: Store, file: dict, marker: dict) -> Iterator[Finding]:
         yield Finding("size", name, f"{len(data)} bytes; the marker has {file['bytes']}")
     elif hashlib.sha256(data).hexdigest() != file["sha256"]:
         yield Finding("sha256", name, "the content is not what was written")
+    elif table is None:
+        yield Finding("schema", name, f"table {file['table']!r} is not known to this mmw (schema {SCHEMA_VERSION})")
     else:
         try:
             with pq.ParquetFile(pa.BufferReader(data)) as parquet:
-                yield from _check_content(parquet, file, marker)
+                found = list(_check_content(parquet, file, marker, *table))
+                yield from found
+                if not found:
+                    needed = columns_to_read(parquet.schema_arrow, table[0].key, columns)
+                    chunk.add(file["table"], parquet.read(columns=needed))
         except (pa.ArrowException, OSError) as error:
             yield Finding("parquet", name, f"cannot be read: {one_line(error)}")
 
 
-def one_line(error: BaseException) -> str:
-    """Return the message of an error on one line."""
-    return " ".join(str(error).split())
-
-
-def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterator[Finding]:
-    name, table = file["path"], file["table"]
-    if parquet.metadata.num_rows != file["rows"]:
-        yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; the marker has {file['rows']}")
+def _check_content(
+    parquet: pq.ParquetFile, file: dict, marker: dict, spec: TableSpec, own: pa.Schema
+) -> Iterator[Finding]:
+    """Yield what is wrong with the metadata of a file."""
+    name, count = file["path"], parquet.metadata.num_rows
+    if count != file["rows"]:
+        yield Finding("rows", name, f"{count} rows; the marker has {file['rows']}")
+    found = parquet.schema_arrow
     meta = parquet.metadata.metadata or {}
-    written = meta.get(ROWS.encode(), b"").decode()
-    if written and written != str(parquet.metadata.num_rows):
-        yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; {written} were written; it was changed since")
-    if table not in TABLES:
-        yield Finding("schema", name, f"table {table!r} is not known to this mmw (schema {SCHEMA_VERSION})")
-        return
+    written = _text(meta, ROWS)
+    if written and written != str(count):
+        yield Finding("rows", name, f"{count} rows; {written} were written; it was changed since")
     for key, label in FILE_META.items():
-        text = meta.get(label.encode())
-        if text is not None and text.decode(errors="replace") != str(marker.get(key)):
-            yield Finding("marker", name, f"{key} is {text.decode(errors='replace')[:80]}; the marker has another")
-    version = meta.get(b"mmw.schema_version", b"none").decode()
+        text = _text(meta, label)
+        if text is not None and text != str(marker.get(key)):
+            yield Finding("marker", name, f"{key} is {text[:80]}; the marker has another")
+    version = _text(meta, "mmw.schema_version") or "none"
     yield from _check_version(name, version)
-    own, found = arrow_schema(table), parquet.schema_arrow
     if version == SCHEMA_VERSION:
         if not found.equals(own):
-            yield Finding("schema", name, f"columns are not those of table {table!r}")
+            yield Finding("schema", name, f"columns are not those of table {spec.name!r}")
+    elif problem := schema_problem(found, spec):
+        yield Finding("schema", name, problem)
     elif any(field.name not in own.names or not own.field(field.name).equals(field) for field in found):
-        yield Finding("schema", name, f"columns of schema {version} are not among those of table {table!r}")
-    spec = table_spec(table)
-    fixed = {"scenario": marker["scenario"], **({"weather": marker["weather"]} if spec.framed else {})}
-    if not set(found.names) >= {*spec.key, *fixed} or schema_problem(found, spec, [*fixed, *spec.key]):
-        return  # the schema was found wrong already
-    yield from _check_values(parquet, name)
-    rows = parquet.read(columns=[*fixed, *spec.key])
-    for column, value in fixed.items():
-        others = [text for text in rows.column(column).cast(pa.string()).unique().to_pylist() if text != value]
-        if others:
-            yield Finding("key", name, f"rows of {column} {others[0]}; the file is for {value}")
-    if spec.framed and rows.num_rows:
-        frame = rows.column("frame").to_numpy()
-        if frame.min() < marker["frame_begin"] or frame.max() >= marker["frame_end"]:
-            frames = f"{marker['frame_begin']} to {marker['frame_end'] - 1}"
-            yield Finding("key", name, f"frames {frame.min()} to {frame.max()}; the file is for {frames}")
-    count = _repeated(rows.select(list(spec.key)))
-    if count:
-        yield Finding("duplicate", name, f"{count} rows repeat the key {', '.join(spec.key)} of another")
+        yield Finding("schema", name, f"columns of schema {version} are not among those of table {spec.name!r}")
 
 
-def _check_values(parquet: pq.ParquetFile, name: str) -> Iterator[Finding]:
-    """Yield the columns that hold NaN or infinity, which no run writes: a missing value is null."""
-    numbers = [field.name for field in parquet.schema_arrow if pa.types.is_floating(_element(field.type))]
-    if not numbers:
-        return
-    wrong: Counter[str] = Counter()
-    for batch in parquet.iter_batches(columns=numbers):
-        for field, values in zip(batch.schema, batch.columns, strict=True):
-            while pa.types.is_nested(values.type):
-                values = values.flatten()
-            wrong[field.name] += len(values) - values.null_count - (pc.sum(pc.is_finite(values)).as_py() or 0)
-    for column, count in sorted(wrong.items()):
-        if count:
-            yield Finding("value", name, f"{count} values of {column} are NaN or infinite; run the configuration again")
-
-
-def _element(type_: pa.DataType) -> pa.DataType:
-    """Return the type of the elements of a list, of whatever depth; other types as they are."""
-    while pa.types.is_list(type_):
-        type_ = type_.value_type
-    return type_
-
-
-def _repeated(keys: pa.Table) -> int:
-    """Return how many rows repeat the key of another row."""
-    names = [field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field for field in keys.schema]
-    return keys.num_rows - keys.cast(pa.schema(names)).group_by(keys.column_names).aggregate([]).num_rows
+def _text(meta: Mapping[bytes, bytes], key: str) -> str | None:
+    """Return a file-level key; None if the file has none."""
+    text = meta.get(key.encode())
+    return None if text is None else text.decode(errors="replace")
 
 
 def _check_overlaps(markers: Mapping[str, dict]) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 
 import pyarrow as pa
 
-from mmw.config.sensor_spec import SENSORS
+from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.storage.table_spec import TableSpec
@@ -28,6 +28,10 @@ CORE_TABLES = ("mmw.scene.tables:FRAMED_TABLES", "mmw.channel.tables:TABLES", "m
 class _Tables(Mapping[str, TableSpec]):
     """Every table by name, in the order of the documentation: a sensor that is registered later has its tables here."""
 
+    def __init__(self) -> None:
+        self._found: dict[str, TableSpec] = {}
+        self._sensors: tuple[SensorSpec, ...] = ()
+
     def __getitem__(self, name: str) -> TableSpec:
         return self._all()[name]
 
@@ -38,7 +42,14 @@ class _Tables(Mapping[str, TableSpec]):
         return len(self._all())
 
     def _all(self) -> dict[str, TableSpec]:
-        """Collect the tables."""
+        """Collect the tables, again where a sensor was registered since."""
+        sensors = tuple(SENSORS.values())
+        if not self._found or list(map(id, sensors)) != list(map(id, self._sensors)):
+            self._found, self._sensors = self._collect(), sensors
+        return self._found
+
+    @staticmethod
+    def _collect() -> dict[str, TableSpec]:
         framed, channel, static = (load_reference(reference) for reference in CORE_TABLES)
         found = {spec.name: spec for spec in framed}
         owners = dict.fromkeys(found, "mmw")

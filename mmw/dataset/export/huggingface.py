@@ -33,7 +33,7 @@ from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import STATE, Format, Option, Options, Part, Selection, Task, parts
 from mmw.storage.arrow_tables import frame_rows
 from mmw.storage.atomic_files import write_bytes_atomically
-from mmw.storage.file_checks import one_line
+from mmw.storage.finding import one_line
 from mmw.storage.manifest import CARD, CONFIG, DATASET, read_markers
 from mmw.storage.parquet_schema import write_options
 from mmw.storage.schemas import column_text

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from mmw.config import Config, ScenarioConfig
-from mmw.storage.file_checks import Finding
+from mmw.storage.finding import Finding
 
 COUNTED = {
     "cav_count": ("cav",), "rsu_count": ("rsu",), "vehicle_count": ("cav", "vehicle"),

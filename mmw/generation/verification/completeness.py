@@ -2,92 +2,150 @@
 
 import hashlib
 import json
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from mmw.config import Config
 from mmw.config.input_paths import input_places
-from mmw.config.sensor_spec import spec_of
 from mmw.core.errors import InputError
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.generation.verification.actor_counts import COUNTED, Counts, check_counts, expected_counts
+from mmw.generation.verification.row_counts import COLUMNS, count_rows
 from mmw.generation.verification.stage_files import CURE, check_stages
-from mmw.storage.file_checks import Finding, one_line
+from mmw.storage.finding import Finding, one_line
 from mmw.storage.identity import config_differences
-from mmw.storage.manifest import (
-    CARD,
-    CONFIG,
-    DATASET,
-    MANIFEST,
-    named_markers,
-    pending_scenarios,
-    pending_shards,
-    read_dataset,
-)
-from mmw.storage.schema_checks import schema_problem
-from mmw.storage.schemas import table_spec
+from mmw.storage.manifest import CARD, CONFIG, DATASET, MANIFEST, named_markers, pending, read_dataset
+from mmw.storage.row_checks import SHARD, Chunk
 from mmw.storage.shard_writer import ShardKey, marker_path, table_path
-from mmw.storage.store import Root, Store, store_of
+from mmw.storage.store import Store
 
 
-def check_plan(root: Root) -> list[Finding]:
-    """Compare a dataset with its configuration.
-
-    Returns:
-        Where `config.yaml` and `dataset.json` differ or do not have the hash that is stored, shards and scenarios
-        that were not finished, files of shards that the configuration does not have, and tables of a shard whose keys
-        differ from those of its frames, agents, sensors and links.
+def read_plan(store: Store) -> tuple[Config | None, list[Finding]]:
+    """Return the configuration of a dataset, or why it is not that of its data.
 
     A configuration that cannot be read, as one with a sensor of a package that is not installed, is a finding.
 
     Raises:
         InputError: If the folder is not a dataset.
     """
-    root = store_of(root)
-    head = read_dataset(root)
+    head = read_dataset(store)
     try:
-        config = stored_config(root)
+        config = stored_config(store)
     except InputError as error:
-        return [Finding("config", CONFIG, f"{one_line(error)}; no rows were counted")]
+        return None, [Finding("config", CONFIG, f"{one_line(error)}; no rows were counted")]
     findings = _check_config(config, head)
-    if findings:
-        return findings  # counts of another configuration have no meaning
+    return (None if findings else config), findings  # counts of another configuration have no meaning
+
+
+class PlannedRows:
+    """Compare the rows of shards with those that a configuration plans, while the files are read."""
+
+    columns = COLUMNS
+    """Table -> columns that it needs beside those of the key."""
+
+    def __init__(self, store: Store, config: Config) -> None:
+        """Read from the markers of static tables which actors are there in which frame."""
+        self._config = config
+        self._counts: dict[str, Counts] = {}
+        self._agents: dict[str, set[tuple[str, str]]] = defaultdict(set)
+        self._objects: dict[str, set[int]] = defaultdict(set)
+        self._static: dict[str, Mapping[str, pa.Table]] = {}
+        self.findings: list[Finding] = []
+        for scenario in config.scenarios:
+            name = marker_path(scenario.name).as_posix()
+            marker = named_markers(store, [name]).get(name, {})
+            try:
+                self._counts[scenario.name] = expected_counts(config, scenario, marker.get("actors"))
+            except ValueError as error:
+                self.findings.append(Finding("marker", name, f"its actors are not those of the scenario ({error})"))
+            if marker.get("software") and "actors" not in marker:
+                self.findings.append(Finding("marker", name, f"does not say which actors are there; {CURE}"))
+
+    def __call__(self, chunk: Chunk, tables: Mapping[str, pa.Table]) -> Iterator[Finding]:
+        """Yield tables whose keys differ from those of the frames, agents, sensors and links of their shard."""
+        if chunk.scenario not in {scenario.name for scenario in self._config.scenarios}:
+            return  # a finding already: the configuration has no such shard
+        frames = []
+        for index, key in enumerate(chunk.keys):
+            is_counted = isinstance(key, ShardKey) and index not in chunk.wrong
+            frames.append(range(key.frame_begin, key.frame_end) if is_counted else range(0))
+            if isinstance(key, str) and index not in chunk.wrong:
+                self._static[chunk.scenario] = tables
+        yield from self._check_actors(chunk, tables)
+        for table, shard, text in count_rows(self._config, frames, tables):
+            yield Finding("count", chunk.path(table, shard), text)
+        if "poses" in tables:
+            agents = tables["poses"].group_by(["agent", "role"], use_threads=False).aggregate([])
+            self._agents[chunk.scenario] |= set(zip(*(column.to_pylist() for column in agents.columns), strict=True))
+        for table in tables.keys() & {"poses", "boxes"}:
+            self._objects[chunk.scenario] |= set(tables[table]["object_id"].unique().to_pylist())
+
+    def _check_actors(self, chunk: Chunk, tables: Mapping[str, pa.Table]) -> Iterator[Finding]:
+        """Yield shards whose frames have other numbers of actors than the stage."""
+        expected = self._counts.get(chunk.scenario)
+        if not expected or "frames" not in tables:
+            return
+        start = self._config.frames_of(self._config.scenario(chunk.scenario)).start
+        rows: dict[int, list[tuple]] = defaultdict(list)
+        for shard, *row in zip(
+            *(tables["frames"][name].to_pylist() for name in (SHARD, "frame", *COUNTED)), strict=True
+        ):
+            rows[shard].append(tuple(row))
+        for shard, each in rows.items():
+            yield from check_counts(expected, start, each, chunk.path("frames", shard))
+
+    def check_static(self) -> Iterator[Finding]:
+        """Yield the static tables of scenarios that lack a row that a shard needs; all shards must have been read."""
+        config = self._config
+        for scenario, tables in self._static.items():
+            agents = self._agents[scenario]
+            mounted = {(agent, sensor.name) for agent, role in agents for sensor in config.sensors if role in sensor.on}
+            antennas = {(agent, "antenna") for agent, _ in agents if config.channel.enabled}
+            needed = {
+                ("sensors", "agent", "sensor"): mounted | antennas,
+                ("objects", "object_id"): {(number,) for number in self._objects[scenario]},
+                ("materials", "weather"): {(weather,) for weather in config.weathers},
+            }
+            for (table, *columns), wanted in needed.items():
+                lists = [tables[table][name].to_pylist() for name in columns] if table in tables else []
+                if missing := sorted(wanted - set(zip(*lists, strict=True))):
+                    first = ", ".join(f"{column} {value}" for column, value in zip(columns, missing[0], strict=True))
+                    text = f"{len(missing)} rows are missing, the first {first}"
+                    yield Finding("count", table_path(table, scenario).as_posix(), text)
+            for table, column in (("objects", "object_id"), ("materials", "material_id")):
+                found = set(tables[table][column].to_pylist()) if table in tables else set()
+                if found != set(range(len(found))):
+                    text = f"{column} does not count from 0 to {max(found)}; rows are missing"
+                    yield Finding("count", table_path(table, scenario).as_posix(), text)
+
+
+def check_plan(store: Store, config: Config) -> list[Finding]:
+    """Return what a dataset lacks of its configuration: shards, static tables, stages, manifest and card.
+
+    Files of shards that the configuration does not have are findings as well.
+    """
     names = [scenario.name for scenario in config.scenarios]
-    for name in pending_scenarios(root, names):
-        findings.append(Finding("missing", marker_path(name).as_posix(), f"static tables of {name} are not finished"))
     keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
-    pending = set(pending_shards(root, keys))
-    counts: dict[str, Counts] = {}
-    for scenario in config.scenarios:
-        name = marker_path(scenario.name).as_posix()
-        marker = named_markers(root, [name]).get(name, {})
-        try:
-            counts[scenario.name] = expected_counts(config, scenario, marker.get("actors"))
-        except ValueError as error:
-            findings.append(Finding("marker", name, f"its actors are not those of the scenario ({error})"))
-        if marker.get("software") and "actors" not in marker:
-            findings.append(Finding("marker", name, f"does not say which actors are there; {CURE}"))
-    for key in keys:
+    findings, open_keys = [], pending(store, [*names, *keys])
+    there = store.sizes([marker_path(key).as_posix() for key in open_keys])
+    for key in open_keys:
         name = marker_path(key).as_posix()
-        if key not in pending:
-            findings += _check_shard(root, config, key, counts.get(key.scenario, {}))
-        elif not root.sizes([name]):  # else a file of the shard is wrong, which the check of files says
+        if isinstance(key, str):
+            findings.append(Finding("missing", name, f"static tables of {key} are not finished"))
+        elif name not in there:  # else a file of the shard is wrong, which the check of files says
             findings.append(Finding("missing", name, f"shard {key} is not finished; run the same configuration again"))
-    for name in config.scenarios:
-        findings += _check_static(root, config, name.name, [key for key in keys if key.scenario == name.name])
-    if not pending:
-        findings += check_stages(root, config, head.get("inputs"))
-    for name in (MANIFEST, CARD):
-        if not pending and not root.sizes([name]):
-            findings.append(Finding("missing", name, "the dataset is complete without it; run mmw finalize"))
+    if all(isinstance(key, str) for key in open_keys):
+        findings += check_stages(store, config, read_dataset(store).get("inputs"))
+        for name in (MANIFEST, CARD):
+            if not store.sizes([name]):
+                findings.append(Finding("missing", name, "the dataset is complete without it; run mmw finalize"))
     planned = {marker_path(key).name for key in [*keys, *names]}
-    for name in root.names(marker_path("x").parent.as_posix()):
+    for name in store.names(marker_path("x").parent.as_posix()):
         if name.endswith(".json") and PurePosixPath(name).name not in planned:
             findings.append(Finding("foreign", name, "the configuration has no such shard"))
     return findings
@@ -114,198 +172,3 @@ def _check_config(config: Config, head: dict[str, Any]) -> list[Finding]:
     if "inputs" in head and lacking:
         return [Finding("inputs", DATASET, f"has no hash of {lacking[0]}, which the configuration names")]
     return []
-
-
-def _check_shard(root: Store, config: Config, key: ShardKey, counts: Counts) -> Iterator[Finding]:
-    """Yield the tables of a shard whose keys are not the expected ones."""
-
-    def keys(table: str, columns: tuple[str, ...]) -> list[tuple]:
-        return _keys(root, table_path(table, key).as_posix(), columns)
-
-    def objects(table: str) -> list[tuple]:
-        return _objects(root, table_path(table, key).as_posix())
-
-    try:
-        path, start = table_path("frames", key).as_posix(), config.frames_of(config.scenario(key.scenario)).start
-        yield from check_counts(counts, start, keys("frames", ("frame", *COUNTED)), path)
-        expected = dict(_expected(config, range(key.frame_begin, key.frame_end), keys, objects))
-    except _UnreadableError as error:
-        yield Finding("count", error.path, f"{error}; no rows of this shard were counted")
-        return
-    for table, wanted in expected.items():
-        try:
-            found = Counter(keys(table, KEY_OF.get(table, SAMPLE_KEY)))
-        except _UnreadableError as error:
-            yield Finding("count", error.path, f"{error}; its rows were not counted")
-            continue
-        path = table_path(table, key).as_posix()
-        if missing := wanted - found:
-            yield Finding("count", path, f"{missing.total()} rows are missing, the first {_name(table, missing)}")
-        if extra := found - wanted:
-            yield Finding("count", path, f"{extra.total()} rows too many, the first {_name(table, extra)}")
-
-
-def _check_static(root: Store, config: Config, scenario: str, shards: Sequence[ShardKey]) -> Iterator[Finding]:
-    """Yield the static tables of a scenario that lack a row that its shards need."""
-
-    def values(table: str, column: str) -> set[Any]:
-        found: set[Any] = set()
-        for key in shards:
-            found |= {row[0] for row in _keys(root, table_path(table, key).as_posix(), (column,))}
-        return found
-
-    try:
-        agents: set[tuple[str, str]] = set()
-        for key in shards:
-            agents |= set(_keys(root, table_path("poses", key).as_posix(), ("agent", "role")))
-        wanted: dict[str, tuple[tuple[str, ...], set[tuple]]] = {
-            "sensors": (
-                ("agent", "sensor"),
-                {(agent, sensor.name) for agent, role in agents for sensor in config.sensors if role in sensor.on}
-                | {(agent, "antenna") for agent, _ in agents if config.channel.enabled},
-            ),
-            "objects": (
-                ("object_id",),
-                {(value,) for table in ("poses", "boxes") for value in values(table, "object_id")},
-            ),
-            "materials": (("weather",), {(weather,) for weather in config.weathers}),
-        }
-        for table, (columns, needed) in wanted.items():
-            path = table_path(table, scenario).as_posix()
-            found = _keys(root, path, columns)
-            if missing := sorted(needed - set(found)):
-                first = ", ".join(f"{column} {value}" for column, value in zip(columns, missing[0], strict=True))
-                yield Finding("count", path, f"{len(missing)} rows are missing, the first {first}")
-        for table, column in (("objects", "object_id"), ("materials", "material_id")):
-            path = table_path(table, scenario).as_posix()
-            found = {row[0] for row in _keys(root, path, (column,))}
-            if found != set(range(len(found))):
-                yield Finding("count", path, f"{column} does not count from 0 to {max(found)}; rows are missing")
-    except _UnreadableError as error:
-        yield Finding("count", error.path, f"{error}; the static tables of {scenario} were not counted")
-
-
-class _UnreadableError(Exception):
-    """Report a table that is damaged or lacks a column."""
-
-    def __init__(self, path: str, reason: str) -> None:
-        super().__init__(reason)
-        self.path = path
-
-
-KEY_OF = {
-    "frames": ("frame",),
-    "poses": ("frame", "role"),
-    "boxes": ("frame",),
-    "links": ("frame", "agent", "peer", "carrier_hz"),
-    "paths": ("frame", "agent", "peer", "carrier_hz"),
-    "box_visibility": ("frame", "agent", "sensor", "object_id"),
-}
-"""Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
-
-SAMPLE_KEY = ("frame", "agent", "sensor")
-"""Columns that name one sample of a sensor."""
-
-
-def _name(table: str, counts: Counter) -> str:
-    first = min(counts, key=str)
-    return ", ".join(f"{column} {value}" for column, value in zip(KEY_OF.get(table, SAMPLE_KEY), first, strict=True))
-
-
-def _keys(root: Store, path: str, columns: tuple[str, ...]) -> list[tuple]:
-    """Return some columns of every row of a file; none if it does not exist."""
-    rows = _read(root, path, columns)
-    return [] if rows is None else list(zip(*(rows.column(column).to_pylist() for column in columns), strict=True))
-
-
-def _objects(root: Store, path: str) -> list[tuple]:
-    """Return (frame, agent, sensor, object_id) once for each object that a row of a file has points on."""
-    rows = _read(root, path, (*SAMPLE_KEY, "object_id"))
-    if rows is None:
-        return []
-    rows = rows.combine_chunks()
-    lists = rows.column("object_id").combine_chunks()
-    points = pa.table({"row": pc.list_parent_indices(lists), "object_id": pc.list_flatten(lists)})
-    pairs = points.group_by(["row", "object_id"]).aggregate([])
-    samples = rows.select(SAMPLE_KEY).take(pairs.column("row"))
-    return list(zip(*(column.to_pylist() for column in (*samples.columns, pairs.column("object_id"))), strict=True))
-
-
-def _read(root: Store, path: str, columns: tuple[str, ...]) -> pa.Table | None:
-    """Return some columns of a file; None if it does not exist."""
-    if not root.sizes([path]):
-        return None
-    try:
-        rows = root.read_columns(path, columns)
-    except (pa.ArrowException, OSError) as error:
-        raise _UnreadableError(path, f"cannot be read: {one_line(error)}") from error
-    spec = table_spec(path.split("/")[0])
-    if problem := schema_problem(rows.schema, spec, columns):
-        raise _UnreadableError(path, problem)
-    for field in spec.columns:
-        if field.name in columns and not field.nullable and (count := rows.column(field.name).null_count):
-            raise _UnreadableError(path, f"column {field.name} is null in {count} rows")
-    return rows
-
-
-def _expected(
-    config: Config,
-    frames: range,
-    keys: Callable[[str, tuple[str, ...]], list[tuple]],
-    objects: Callable[[str], list[tuple]],
-) -> Iterator[tuple[str, Counter]]:
-    """Yield tables and how many rows of each key they must have, from frames, poses and links."""
-    yield "frames", Counter((frame,) for frame in frames)
-    counts = keys("frames", ("frame", *COUNTED))
-    yield "poses", Counter({(row[0], role): row[i] for row in counts for i, role in ((1, "cav"), (2, "rsu")) if row[i]})
-    yield "boxes", Counter({(row[0],): row[3] + row[4] for row in counts if row[3] + row[4]})
-    poses = keys("poses", ("frame", "agent", "role"))
-    samples: dict[str, Counter] = {}
-    for sensor in config.sensors:
-        due = [(frame, agent, sensor.name) for frame, agent, role in poses if role in sensor.on]
-        due = [row for row in due if row[0] % sensor.period_frames == 0]
-        for table, each in spec_of(sensor).tables_of(sensor).items():
-            samples.setdefault(table, Counter()).update(dict.fromkeys(due, each))
-    yield from samples.items()
-    boxes = keys("boxes", ("frame", "object_id"))
-    counted = _visible(keys, objects, config, set(boxes))
-    if config.channel.enabled:
-        own = {(frame, agent): object_id for frame, agent, object_id in keys("poses", ("frame", "agent", "object_id"))}
-        by_frame: dict[int, list[int]] = {}
-        for frame, object_id in boxes:
-            by_frame.setdefault(frame, []).append(object_id)
-        counted.update(
-            (frame, agent, "antenna", object_id)
-            for (frame, agent), mine in own.items()
-            for object_id in by_frame.get(frame, ())
-            if object_id != mine
-        )
-    yield "box_visibility", counted
-    if config.channel.enabled:
-        yield (
-            "links",
-            Counter(
-                (frame, agent, peer, carrier)
-                for frame, agent, role in poses
-                if role == "cav"
-                for other, peer, kind in poses
-                if other == frame and peer != agent and ("v2i" if kind == "rsu" else "v2v") in config.channel.links
-                for carrier in config.channel.carriers_hz
-            ),
-        )
-        links = keys("links", (*KEY_OF["links"], "path_count"))
-        yield "paths", Counter({row[:4]: row[4] for row in links if row[4]})
-
-
-def _visible(
-    keys: Callable[[str, tuple[str, ...]], list[tuple]],
-    objects: Callable[[str], list[tuple]],
-    config: Config,
-    boxes: set[tuple[int, int]],
-) -> Counter:
-    """Return the keys of `box_visibility` of sensors: actors on which one has a return, a point or a pixel."""
-    tables = {table for sensor in config.sensors for table in spec_of(sensor).tables_of(sensor)}
-    rows = [row for table in sorted(tables & {"lidar", "radar"}) for row in objects(table)]
-    found = Counter(row for row in rows if (row[0], row[3]) in boxes)
-    found.update(row[:4] for row in keys("boxes_2d", (*SAMPLE_KEY, "object_id", "pixels")) if row[4])
-    return found

@@ -12,7 +12,7 @@ from mmw.core.transforms import make_pose, quaternion_from_ypr
 from mmw.dataset import Dataset, Frame, open_dataset
 from mmw.dataset.camera_geometry import from_world, intrinsics_from_row, pose_from_row
 from mmw.storage.codecs.images import decode_depth
-from mmw.storage.file_checks import Finding
+from mmw.storage.finding import Finding
 
 GAIN_DB = 1e-3
 """Largest difference between a line of sight's transfer and Friis' formula [dB]; weather losses are stored rounded to

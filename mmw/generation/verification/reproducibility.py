@@ -7,7 +7,7 @@ from typing import Any
 
 from mmw.core.device import machine_kind
 from mmw.generation.regenerate import RowRegenerator, differing_columns, other_machine, stored_rows
-from mmw.storage.file_checks import Finding
+from mmw.storage.finding import Finding
 from mmw.storage.manifest import read_markers
 from mmw.storage.schemas import TABLES, table_spec
 from mmw.storage.store import Root, store_of

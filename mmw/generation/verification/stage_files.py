@@ -9,7 +9,7 @@ from typing import Any
 from mmw.config import Config
 from mmw.core.temp_files import is_temporary
 from mmw.scene.prepare import ASSETS, STAGES
-from mmw.storage.file_checks import Finding
+from mmw.storage.finding import Finding
 from mmw.storage.identity import Hashes
 from mmw.storage.store import Store
 

@@ -123,8 +123,7 @@ def drop_column(root: Path) -> None:
         (edited("_manifest.parquet", lambda data: data[:500]), "manifest", "_manifest.parquet"),
         (lambda root: change(root, "frames", "frame", lambda frame: frame + 2), "key", part("frames")),
         (rewritten("lidar", lambda rows: rows.slice(1)), "count", part("lidar")),
-        (drop_column, "count", part("imu")),
-        (lambda root: truncate(root, is_agreed=True), "count", part("depth")),
+        (drop_column, "schema", part("imu")),
         (rewritten("segmentation", lambda rows: rows.slice(0, 1)), "count", part("segmentation")),
         (rewritten("paths", lambda rows: rows.slice(1)), "count", part("paths")),
     ],
@@ -171,6 +170,7 @@ def block_lasers(root: Path) -> None:
 def test_what_a_depth_image_says_of_a_line() -> None:
     depth = np.full((120, 160), 50.0)
     mount = {"fx": 56.0, "fy": 56.0, "cx": 80.0, "cy": 60.0, "width": 160, "height": 120}
+    mount |= {"lens": "pinhole", "coefficients": None}
     assert _in_depth(depth, mount, np.array([20.0, 5.0, 1.0])) is True
     assert _in_depth(depth, mount, np.array([80.0, 5.0, 1.0])) is False
     for untold in ([50.4, 0.0, 0.0], [20.0, 40.0, 0.0], [-20.0, 0.0, 0.0]):  # at the wall, beside, behind

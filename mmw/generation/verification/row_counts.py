@@ -1,0 +1,176 @@
+"""Compute how many rows of each key the tables of shards must have, and compare them with those that are there."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from mmw.config import Config
+from mmw.config.sensor_spec import spec_of
+from mmw.storage.row_checks import SHARD
+
+Tables = Mapping[str, pa.Table]
+"""Rows of some shards by table, with the index of the shard in the column `SHARD`."""
+
+COUNT = "count"
+
+SAMPLE_KEY = ("frame", "agent", "sensor")
+"""Columns that name one sample of a sensor."""
+
+KEY_OF = {
+    "frames": ("frame",),
+    "poses": ("frame", "role"),
+    "boxes": ("frame",),
+    "links": ("frame", "agent", "peer", "carrier_hz"),
+    "paths": ("frame", "agent", "peer", "carrier_hz"),
+    "box_visibility": ("frame", "agent", "sensor", "object_id"),
+}
+"""Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
+
+COLUMNS = {
+    "frames": ("cav_count", "rsu_count", "vehicle_count", "pedestrian_count"),
+    "poses": ("role", "object_id"),
+    "lidar": ("object_id",),
+    "radar": ("object_id",),
+    "boxes_2d": ("pixels",),
+    "links": ("path_count",),
+}
+"""Table -> columns beside those of its key from which rows of other tables follow."""
+
+TYPES = {
+    SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.string(), "peer": pa.string(), "sensor": pa.string(),
+    "role": pa.string(), "object_id": pa.int32(), "carrier_hz": pa.float64(), "pixels": pa.int64(),
+    "path_count": pa.int64(), "cav_count": pa.int64(), "rsu_count": pa.int64(), "vehicle_count": pa.int64(),
+    "pedestrian_count": pa.int64(), COUNT: pa.int64(),
+}  # fmt: skip
+"""Column -> type in which it is compared."""
+
+
+def count_rows(config: Config, frames: Sequence[range], tables: Tables) -> Iterator[tuple[str, int, str]]:
+    """Compare the number of rows of each key with what frames, poses, links and the configuration say.
+
+    Args:
+        config: Configuration of the dataset.
+        frames: Frames of each shard; none for a shard that is not to be compared.
+        tables: Their rows.
+
+    Yields:
+        Table, index of a shard, and what is wrong with it.
+    """
+    for table, expected in _expected(config, frames, tables):
+        key = KEY_OF.get(table, SAMPLE_KEY)
+        for shard, text in _differences(expected, _select(tables, table, (SHARD, *key))):
+            yield table, shard, text
+
+
+def _select(tables: Tables, table: str, columns: Sequence[str]) -> pa.Table:
+    """Return columns of a table in the types of `TYPES`; no rows if no shard has it."""
+    schema = pa.schema([(name, TYPES[name]) for name in columns])
+    return tables[table].select(list(columns)).cast(schema) if table in tables else schema.empty_table()
+
+
+def _differences(expected: pa.Table, found: pa.Table) -> Iterator[tuple[int, str]]:
+    """Yield shards whose rows are not the expected ones: how many are missing or too many, and the first of them."""
+    key = [name for name in expected.column_names if name != COUNT]
+    wanted = expected.group_by(key, use_threads=False).aggregate([(COUNT, "sum")])
+    there = found.group_by(key, use_threads=False).aggregate([([], "count_all")])
+    both = wanted.join(there, keys=key, join_type="full outer", use_threads=False)
+    more = pc.subtract(pc.fill_null(both["count_all"], 0), pc.fill_null(both[f"{COUNT}_sum"], 0))
+    both = both.select(key).append_column(COUNT, more).filter(pc.not_equal(more, 0))
+    rows: dict[tuple[int, bool], list[tuple[str, int]]] = {}
+    for row in both.to_pylist():
+        shard, count = row.pop(SHARD), row.pop(COUNT)
+        name = ", ".join(f"{column} {value}" for column, value in row.items())
+        rows.setdefault((shard, count > 0), []).append((name, abs(count)))
+    for (shard, is_more), names in sorted(rows.items()):
+        what = "rows too many" if is_more else "rows are missing"
+        yield shard, f"{sum(count for _, count in names)} {what}, the first {min(names)[0]}"
+
+
+def _expected(config: Config, frames: Sequence[range], tables: Tables) -> Iterator[tuple[str, pa.Table]]:
+    """Yield tables, and how many rows of each key they must have."""
+    shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
+    numbers = np.concatenate([np.asarray(each) for each in frames]) if frames else []
+    yield "frames", _counted({SHARD: shards, "frame": numbers}, 1)
+    counts = _select(tables, "frames", (SHARD, "frame", *COLUMNS["frames"]))
+    place = {SHARD: counts[SHARD], "frame": counts["frame"]}
+    roles = {role: {**place, "role": np.full(len(counts), role)} for role in ("cav", "rsu")}
+    yield "poses", pa.concat_tables(_counted(columns, counts[f"{role}_count"]) for role, columns in roles.items())
+    yield "boxes", _counted(place, pc.add(counts["vehicle_count"], counts["pedestrian_count"]))
+    poses = _select(tables, "poses", (SHARD, "frame", "agent", "role", "object_id"))
+    yield from _samples(config, poses)
+    boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
+    yield "box_visibility", _visibility(config, tables, poses, boxes)
+    if config.channel.enabled:
+        yield "links", _links(config, poses)
+        links = _select(tables, "links", (SHARD, *KEY_OF["links"], "path_count"))
+        yield "paths", _counted({name: links[name] for name in (SHARD, *KEY_OF["paths"])}, links["path_count"])
+
+
+def _counted(columns: Mapping[str, Any], count: Any) -> pa.Table:
+    """Return keys with the number of their rows, one for all or one for each; keys with no row are left out."""
+    size = len(next(iter(columns.values())))
+    counts = np.full(size, count) if isinstance(count, int) else count
+    schema = pa.schema([(name, TYPES[name]) for name in (*columns, COUNT)])
+    table = pa.table({**columns, COUNT: counts}).cast(schema)
+    return table.filter(pc.greater(table[COUNT], 0))
+
+
+def _with(table: pa.Table, name: str, value: Any) -> pa.Table:
+    """Return a table with a column of one value."""
+    return table.append_column(name, pa.array(np.full(table.num_rows, value)).cast(TYPES[name]))
+
+
+def _samples(config: Config, poses: pa.Table) -> Iterator[tuple[str, pa.Table]]:
+    """Yield the tables of sensors with a number of rows for each sample, and that number."""
+    found: dict[str, list[pa.Table]] = {}
+    frame = poses["frame"].to_numpy()
+    for sensor in config.sensors:
+        is_due = pc.and_(pc.is_in(poses["role"], pa.array(sensor.on)), pa.array(frame % sensor.period_frames == 0))
+        due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
+        for table, each in spec_of(sensor).tables_of(sensor).items():
+            found.setdefault(table, []).append(_with(_with(due, "sensor", sensor.name), COUNT, each))
+    for table, parts in found.items():
+        yield table, pa.concat_tables(parts)
+
+
+def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table) -> pa.Table:
+    """Return the rows of `box_visibility`: boxes on which a sensor has a return, a point or a pixel; all for antennas.
+
+    Objects without a box, such as buildings, have no row.
+    """
+    key = [SHARD, *KEY_OF["box_visibility"]]
+    used = {table for sensor in config.sensors for table in spec_of(sensor).tables_of(sensor)}
+    parts = []
+    for table in sorted(used & {"lidar", "radar"} & set(tables)):
+        rows = tables[table].select([SHARD, *SAMPLE_KEY, "object_id"]).combine_chunks()
+        lists = rows["object_id"].combine_chunks()
+        points = pa.table({"row": pc.list_parent_indices(lists), "object_id": pc.list_flatten(lists)})
+        pairs = points.group_by(["row", "object_id"], use_threads=False).aggregate([])
+        parts.append(rows.drop_columns("object_id").take(pairs["row"]).append_column("object_id", pairs["object_id"]))
+    seen = _select({"all": pa.concat_tables(parts)} if parts else {}, "all", key)
+    seen = seen.join(boxes, keys=[SHARD, "frame", "object_id"], join_type="left semi", use_threads=False)
+    pixels = _select(tables, "boxes_2d", (*key, "pixels"))
+    parts = [seen, pixels.filter(pc.greater(pixels["pixels"], 0)).select(key)]
+    if config.channel.enabled:
+        own = poses.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
+        pairs = own.join(boxes, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
+        pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
+        parts.append(_with(pairs, "sensor", "antenna"))
+    return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
+
+
+def _links(config: Config, poses: pa.Table) -> pa.Table:
+    """Return the rows of `links`: from each peer to each CAV, for each carrier."""
+    agents = poses.select([SHARD, "frame", "agent", "role"])
+    peers = agents.rename_columns([SHARD, "frame", "peer", "kind"])
+    cavs = agents.filter(pc.equal(agents["role"], "cav"))
+    pairs = cavs.join(peers, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
+    pairs = pairs.filter(pc.not_equal(pairs["agent"], pairs["peer"]))
+    kinds = pc.if_else(pc.equal(pairs["kind"], "rsu"), "v2i", "v2v")
+    pairs = pairs.filter(pc.is_in(kinds, pa.array(config.channel.links, pa.string())))
+    columns = [SHARD, *KEY_OF["links"], COUNT]
+    carriers = config.channel.carriers_hz
+    return pa.concat_tables(_with(_with(pairs, "carrier_hz", each), COUNT, 1).select(columns) for each in carriers)
