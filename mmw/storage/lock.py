@@ -5,7 +5,7 @@ import platform
 import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from filelock import FileLock, Timeout
 
@@ -111,6 +111,8 @@ def remove_leftovers(root: Root, index: int, count: int) -> None:
     for path, owner in left:  # a process that locks a part from now on starts new files, so those found are free
         if not busy if owner is None else (owner.index, owner.count) not in {own, *busy}:
             path.unlink(missing_ok=True)
+    probes = [name for name in root.names(LOCKS) if is_temporary(PurePosixPath(name))]  # in a remote store too
+    root.remove(name for name in probes if _is_free(owner_of(PurePosixPath(name)), index, count))
 
 
 def _part(lock: Path) -> tuple[int, int] | None:

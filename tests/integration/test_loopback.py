@@ -1,4 +1,4 @@
-"""No command listens where other machines can reach it."""
+"""No run listens where other machines can reach it; of the web viewer see `tests/cli/test_view.py`."""
 
 import os
 import subprocess
@@ -8,18 +8,21 @@ from pathlib import Path
 import pytest
 
 from tests.fixtures.kill_rounds import CHEAP
-from tests.fixtures.listeners import is_loopback, listeners, watch
+from tests.fixtures.listeners import Listener, is_loopback, listeners, watch
 from tests.fixtures.own_world import command
 
 LIMIT_S = 240.0
 """Longest time that a command may take on a busy machine [s]."""
 
 
-def start(*arguments: str, **environment: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [sys.executable, "-m", "mmw", *arguments], text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-        env={**os.environ, **environment},
-    )  # fmt: skip
+def assert_runs(log: Path, *arguments: str, **environment: str) -> set[Listener]:
+    """Run a command, whose output goes to a file, and return its listeners."""
+    command = [sys.executable, "-m", "mmw", *arguments]
+    with log.open("w") as file:
+        process = subprocess.Popen(command, stdout=file, stderr=file, env={**os.environ, **environment})
+        found = watch(process, LIMIT_S)
+    assert process.wait() == 0, log.read_text()
+    return found
 
 
 def test_the_addresses_that_other_machines_cannot_reach() -> None:
@@ -33,25 +36,19 @@ def test_a_socket_that_listens_is_seen() -> None:
     process = subprocess.Popen([sys.executable, "-c", code], text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout
     process.stdout.readline()
-    assert [address for _, address in listeners(process.pid)] == ["0.0.0.0"]
+    assert [one.address for one in listeners(process.pid)] == ["0.0.0.0"]
     process.communicate("\n")
 
 
 @pytest.mark.slow
-def test_a_run_with_workers_does_not_listen(own_world: Path) -> None:
-    process = start("run", *command(own_world, "out", *CHEAP, "--workers", "2"))
-    found = watch(process, LIMIT_S)
-    assert process.wait() == 0, process.communicate()
-    assert found == set()
+def test_a_run_with_workers_does_not_listen(own_world: Path, tmp_path: Path) -> None:
+    assert assert_runs(tmp_path / "log", "run", *command(own_world, "out", *CHEAP, "--workers", "2")) == set()
 
 
 @pytest.mark.slow
-def test_ray_that_a_run_starts_listens_on_this_machine_only(own_world: Path) -> None:
+def test_ray_that_a_run_starts_listens_on_this_machine_only(own_world: Path, tmp_path: Path) -> None:
     pytest.importorskip("ray", reason="Ray is not installed: pip install 'multimodal-wireless[ray]'")
-    process = start(
-        "run", *command(own_world, "out", *CHEAP, "--engine", "ray", "--workers", "2"), RAY_ADDRESS="local"
-    )  # fmt: skip
-    found = watch(process, LIMIT_S)
-    assert process.wait() == 0, process.communicate()
-    assert {name for name, _ in found} >= {"gcs_server", "raylet"}  # else nothing was looked at
-    assert [where for where in sorted(found) if not is_loopback(where[1])] == []
+    arguments = command(own_world, "out", *CHEAP, "--engine", "ray", "--workers", "2")
+    found = assert_runs(tmp_path / "log", "run", *arguments, RAY_ADDRESS="local")
+    assert {one.process for one in found} >= {"gcs_server", "raylet"}  # else nothing was looked at
+    assert [one for one in found if not is_loopback(one.address)] == []
