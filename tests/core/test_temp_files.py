@@ -26,6 +26,8 @@ def test_a_name_tells_the_owner(tmp_path: Path) -> None:
     assert owner_of(temporary_path(path)) is None and is_temporary(temporary_path(path))
     with owned(tmp_path, run):
         assert owner_of(temporary_path(path)) == owner_of(temporary_path(path, ".usda")) == run
+        of_usd = temporary_path(path, ".usdc").with_suffix(".NaWUb6")  # USD writes beside a file, and renames
+        assert owner_of(of_usd) == run and is_temporary(of_usd)
         with owned(tmp_path, worker):
             assert owner_of(temporary_path(path)) == worker
             assert owner_of(temporary_path(tmp_path.parent / "part-000000.parquet")) is None
