@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 from mmw.cli.command import fail, run_command
 from mmw.generation.provenance import stored_config
-from mmw.generation.shards import all_work, pending_work
-from mmw.storage.lock import writing
+from mmw.generation.shards import all_work, pending_work, planned_keys
+from mmw.storage.foreign_files import check_foreign_files
+from mmw.storage.lock import remove_leftovers, writing
 from mmw.storage.manifest import finalize
 from mmw.storage.store import store_of
 
@@ -27,12 +28,15 @@ def main(argv: Sequence[str], prog: str = "mmw finalize") -> int:
 def _finalize(arguments: argparse.Namespace) -> int:
     config = stored_config(arguments.dataset)
     root = store_of(arguments.dataset, config.output.staging)
-    missing = pending_work(root, all_work(config))
+    everything = all_work(config)
+    missing, plan = pending_work(root, everything), planned_keys(everything)
     frames = sum(item.frames for item in missing)
     if missing and not arguments.partial:
         problem = f"{root}: {frames} frames are missing, the first of {missing[0]}; run the configuration again, or "
         return fail([problem + "list what is there by --partial"], code=1)
     with writing(root, 0, 1, lambda line: print(line, file=sys.stderr)):
-        result = finalize(root)
+        check_foreign_files(root, plan)
+        result = finalize(root, None if missing else plan)
+        remove_leftovers(root, 0, 1)
     print(f"{root}: {result['files']:,} files, {result['rows']:,} rows, {result['bytes']:,} bytes listed")
     return 0

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from mmw.cli.command import run_command
 from mmw.generation.progress import si
 from mmw.generation.provenance import stored_config
-from mmw.generation.shards import all_work, pending_work
+from mmw.generation.shards import all_work, pending_work, planned_keys
+from mmw.storage.foreign_files import foreign_files, name_files
 from mmw.storage.identity import mixtures
 from mmw.storage.lock import temporaries, writers
 from mmw.storage.manifest import MANIFEST, read_markers
@@ -15,10 +16,11 @@ from mmw.storage.store import store_of
 
 
 def main(argv: Sequence[str], prog: str = "mmw status") -> int:
-    """Run `mmw status` and return its exit code: 0 complete, 1 not yet, 2 no dataset."""
+    """Run `mmw status` and return its exit code: 0 complete, 1 not, 2 no dataset."""
     parser = argparse.ArgumentParser(
         prog=prog,
-        description="Report the progress of a dataset and its writers. Exit codes: 0 complete, 1 not yet.",
+        description="Report the progress of a dataset and its writers. Exit codes: 0 complete, 1 not yet, or there are "
+        "files that are no part of it.",
     )
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     return run_command(parser, _status, argv)
@@ -34,8 +36,10 @@ def _status(arguments: argparse.Namespace) -> int:
             counts[item.scenario] += item.frames
     size: dict[str, int] = defaultdict(int)
     markers = read_markers(root)
+    listed: set[str] = set()
     for marker in markers:
         size[marker["scenario"]] += sum(file["bytes"] for file in marker["files"])
+        listed.update(file["path"] for file in marker["files"])
     print(f"{'scenario':<32} {'frames':>17} {'bytes':>10}")
     for name, frames in wanted.items():
         there = f"{frames - missing[name]:,}/{frames:,}"
@@ -48,8 +52,11 @@ def _status(arguments: argparse.Namespace) -> int:
     running = writers(root)
     for line in running:
         print(f"being written: {line}")
+    foreign = foreign_files(root, planned_keys(everything), listed if done == total else None)
+    if foreign:
+        print(name_files(foreign))
     if done == total and root.sizes([MANIFEST]):
-        return 0
+        return 1 if foreign else 0
     left = len(temporaries(root.staging))
     if not running:
         left_text = f"; {left} unfinished files of a killed run, which it removes" if left else ""

@@ -11,10 +11,11 @@ from mmw.generation.executors.executor import Executor
 from mmw.generation.executors.process_pool import MIN_FRAMES_PER_WORKER
 from mmw.generation.progress import Console, closing_summary
 from mmw.generation.provenance import versions, write_config
-from mmw.generation.shards import Partition, all_work, part_of, pending_work
+from mmw.generation.shards import Partition, all_work, part_of, pending_work, planned_keys
 from mmw.generation.worker import GenerationContext
 from mmw.scene.input_files import hash_inputs
-from mmw.storage.lock import clean_other_parts, exclusive_lock, writing
+from mmw.storage.foreign_files import check_foreign_files
+from mmw.storage.lock import exclusive_lock, remove_leftovers, writing
 from mmw.storage.manifest import finalize, prepare_root, read_dataset, upload_finished
 from mmw.storage.store import Store, store_of
 
@@ -36,7 +37,8 @@ def generate_dataset(
 
     Raises:
         InputError: If the folder belongs to another configuration or other input files, has shards of other software
-            or another machine, is being written or cannot be, or a scenario cannot be prepared or read.
+            or another machine, has files that are no part of the dataset, is being written or cannot be, or a scenario
+            cannot be prepared or read.
         OutOfSpaceError: If the disk is full; the same command resumes.
         StoreError: If a store cannot be reached any more; the same command resumes.
         WorkerLostError: If worker processes die again and again.
@@ -53,6 +55,8 @@ def generate_dataset(
             prepare_root(root, config.identity(), sha256, now, anew, inputs)
         write_config(config, base, root)
         everything = all_work(config)
+        plan = planned_keys(everything)
+        check_foreign_files(root, plan)
         wanted = part_of(everything, part)
         work = pending_work(root, wanted)
         if upload_finished(root, [key for item in work for key in item.keys]):
@@ -91,8 +95,8 @@ def generate_dataset(
             )
             return
         with console.timer.stage("manifest"):
-            result = finalize(root)
-        clean_other_parts(root, part.index, part.count)
+            result = finalize(root, plan)
+        remove_leftovers(root, part.index, part.count)
         console.summary(closing_summary(root, config, executor.device_name, workers, result, console.timer, frames))
 
 

@@ -74,6 +74,12 @@ def all_work(config: Config) -> list[Work]:
     return [work for scenario in config.scenarios for work in _grouped(shard_keys(config, scenario))]
 
 
+def planned_keys(work: Iterable[Work]) -> list[ShardKey | str]:
+    """Return the shards of some work and the scenarios, for their static tables."""
+    work = list(work)
+    return [*(key for item in work for key in item.keys), *dict.fromkeys(item.scenario for item in work)]
+
+
 def part_of(work: Sequence[Work], part: Partition) -> list[Work]:
     """Return one part of all work, finished or not, of adjacent frames; parts differ by at most one piece of work."""
     total = sum(item.frames for item in work)
@@ -90,7 +96,7 @@ def pending_work(root: Root, work: Iterable[Work]) -> list[Work]:
     """Return the unfinished work of a dataset; static tables alone are work without weathers."""
     work = list(work)
     begin = {item.scenario: item.frame_begin for item in reversed(work)}
-    left = pending(root, [*(key for item in work for key in item.keys), *begin])
+    left = pending(root, planned_keys(work))
     rest = _grouped(key for key in left if isinstance(key, ShardKey))
     busy = {item.scenario for item in rest}
     return rest + [Work(name, begin[name], begin[name], ()) for name in begin if name in left and name not in busy]

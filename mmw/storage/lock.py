@@ -2,9 +2,10 @@
 
 import os
 import platform
+import re
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from filelock import FileLock, Timeout
 
@@ -12,14 +13,16 @@ from mmw.core.errors import InputError
 from mmw.core.temp_files import Owner, is_temporary, owned, owner_of
 from mmw.storage.store import LOCKS, Root, Store, store_of
 
+PROBE_S = 1.0
+"""Time in which a lock must become free [s]: processes that only look whether it is held lock it for a moment."""
+
 
 @contextmanager
 def writing(root: Root, index: int, count: int, warn: Callable[[str], None]) -> Iterator[Owner]:
     """Lock a dataset for writing; the operating system releases the lock when the process ends for any reason.
 
     A dataset in a remote store is locked in its staging folder, against other runs on this machine only. Unfinished
-    files that no running process can be writing are removed: at the start those of killed runs, at the end those of
-    killed workers of this run.
+    files of this part that no running process can be writing are removed at the start and at the end.
 
     Args:
         root: Dataset; its folder must exist.
@@ -42,7 +45,7 @@ def writing(root: Root, index: int, count: int, warn: Callable[[str], None]) -> 
     with ExitStack() as stack:
         if not _lock_or_fail(own, stack, root):
             warn(f"{root.staging}: its file system has no locks; start no other run of the same part on it")
-            with _cleaning_up(root, run):
+            with _cleaning_up(root, run, lambda owner: owner is not None and run.has(owner)):
                 yield run
             return
         for path in sorted(folder.glob("part-*.lock")):
@@ -53,7 +56,7 @@ def writing(root: Root, index: int, count: int, warn: Callable[[str], None]) -> 
         holder.write_text(f"process {os.getpid()} on {platform.node()}")
         remove_temporaries(root.staging, lambda owner: _is_free(owner, index, count))
         try:
-            with _cleaning_up(root, run):
+            with _cleaning_up(root, run, lambda owner: _is_free(owner, index, count)):
                 yield run
         finally:
             with suppress(OSError):  # keep the error that ended the run, if any
@@ -61,14 +64,17 @@ def writing(root: Root, index: int, count: int, warn: Callable[[str], None]) -> 
 
 
 @contextmanager
-def _cleaning_up(root: Store, run: Owner) -> Iterator[None]:
-    """Mark temporary files of this process with the run; at the end remove all files of the run."""
+def _cleaning_up(root: Store, run: Owner, is_chosen: Callable[[Owner | None], bool]) -> Iterator[None]:
+    """Mark temporary files of this process with the run; at the end remove those of the chosen owners.
+
+    These are not only the run's own: a worker of a killed run may have started a file after this run began.
+    """
     with owned(root.staging, run):
         try:
             yield
         finally:
-            with suppress(OSError):  # as above; the next run removes them
-                remove_temporaries(root.staging, lambda owner: owner is not None and run.has(owner))
+            with suppress(OSError):  # keep the error that ended the run, if any; the next run removes them
+                remove_temporaries(root.staging, is_chosen)
 
 
 def _is_free(owner: Owner | None, index: int, count: int) -> bool:
@@ -82,17 +88,37 @@ def _is_free(owner: Owner | None, index: int, count: int) -> bool:
     return owner is not None and (owner.count != count or owner.index == index)
 
 
-def clean_other_parts(root: Root, index: int, count: int) -> None:
-    """Remove unfinished files of the other parts of a dataset that no process is writing."""
+def remove_leftovers(root: Root, index: int, count: int) -> None:
+    """Remove what dead processes left of other parts of a finished dataset, for the process that locked part `index`.
+
+    These are unfinished files, and notes about who holds a lock. Those of parts that a process is writing stay, as do
+    unfinished files without an owner while there is such a process.
+    """
     root = store_of(root)
     left = [(path, owner_of(path)) for path in temporaries(root.staging)]
-    for part in {owner.index for _, owner in left if owner is not None and owner.count == count} - {index}:
-        with ExitStack() as probe, suppress(Timeout):
-            if _lock(root.staging / LOCKS / f"part-{part}-of-{count}.lock", probe, timeout_s=0.0):
-                probe.close()  # a process that locks it from now on starts new files, so those that were found are free
-                for path, owner in left:
-                    if owner is not None and (owner.index, owner.count) == (part, count):
-                        path.unlink(missing_ok=True)
+    own, busy = (index, count), set[tuple[int, int]]()
+    for path in sorted((root.staging / LOCKS).glob("part-*.lock")):
+        part = _part(path)
+        if part is None or part == own:
+            continue
+        try:
+            with ExitStack() as probe:
+                if not _lock(path, probe, timeout_s=0.0):
+                    return
+                path.with_suffix(".json").unlink(missing_ok=True)
+        except Timeout:
+            busy.add(part)
+    for path, owner in left:  # a process that locks a part from now on starts new files, so those found are free
+        if not busy if owner is None else (owner.index, owner.count) not in {own, *busy}:
+            path.unlink(missing_ok=True)
+    probes = [name for name in root.names(LOCKS) if is_temporary(PurePosixPath(name))]  # in a remote store too
+    root.remove(name for name in probes if _is_free(owner_of(PurePosixPath(name)), index, count))
+
+
+def _part(lock: Path) -> tuple[int, int] | None:
+    """Return index and total number of the part that a file locks."""
+    found = re.fullmatch(r"part-(\d+)-of-(\d+)", lock.stem)
+    return None if found is None else (int(found[1]), int(found[2]))
 
 
 @contextmanager
@@ -144,7 +170,7 @@ def _lock(path: Path, stack: ExitStack, timeout_s: float) -> bool:
 
 def _lock_or_fail(path: Path, stack: ExitStack, root: Store) -> bool:
     try:
-        return _lock(path, stack, timeout_s=0.0)
+        return _lock(path, stack, timeout_s=PROBE_S)
     except Timeout:
         raise InputError(
             f"{root}: is being written by another run ({_holder(path)}, {path.stem.replace('-', ' ')}); "

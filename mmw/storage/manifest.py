@@ -14,10 +14,11 @@ import pyarrow.parquet as pq
 from mmw.core.errors import InputError
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
+from mmw.storage.foreign_files import check_foreign_files
 from mmw.storage.identity import changed_inputs, check_same, inputs_sha256, is_hashes, is_of
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
 from mmw.storage.shard_writer import MARKERS, META_KEYS, SHARD_DOTS, ShardKey, key_of, marker_path
-from mmw.storage.store import DATASET, LOCKS, Root, Store, store_of
+from mmw.storage.store import DATASET, LOCKS, MANIFEST, Root, Store, store_of
 
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
 """Required content of `dataset.json`."""
@@ -28,7 +29,6 @@ MARKER_TYPES = {
 """Required content of a marker, besides the list of its files."""
 FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": str}
 """Required content of each entry of that list."""
-MANIFEST = "_manifest.parquet"
 CARD = "README.md"
 CONFIG = "config.yaml"
 """The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
@@ -201,14 +201,23 @@ def upload_finished(root: Root, keys: Iterable[ShardKey]) -> int:
     return len(found)
 
 
-def finalize(root: Root) -> dict[str, Any]:
+def finalize(root: Root, plan: Iterable[ShardKey | str] | None = None) -> dict[str, Any]:
     """Write `_manifest.parquet` (one row per file) and the dataset card `README.md`, from the markers.
+
+    Args:
+        root: Dataset.
+        plan: All its shards and scenarios, if they are finished: then no other file may be in its tables.
 
     Returns:
         `tables`: name -> {files, rows, bytes}; and the totals `files`, `rows`, `bytes`.
+
+    Raises:
+        InputError: If there is one.
     """
     store = store_of(root)
     head, manifest = read_dataset(store), manifest_rows(read_markers(store))
+    if plan is not None:
+        check_foreign_files(store, plan, set(manifest.column("path").to_pylist()))
     buffer = io.BytesIO()
     pq.write_table(manifest, buffer, compression="zstd")
     store.write_atomically(MANIFEST, buffer.getvalue())

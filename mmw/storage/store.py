@@ -14,6 +14,8 @@ from mmw.storage.atomic_files import DISK_FULL, OutOfSpaceError, write_bytes_ato
 
 DATASET = "dataset.json"
 """File that identifies a dataset: configuration, its hash, versions."""
+MANIFEST = "_manifest.parquet"
+"""List of all files of a finished dataset."""
 LOCKS = "_locks"
 """Folder of the locks (`mmw.storage.lock`); readers skip folders with an underscore."""
 

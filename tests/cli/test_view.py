@@ -1,7 +1,6 @@
 """`mmw view ROOT`: where it is shown, on which addresses, and what is said where it cannot be."""
 
 import os
-import re
 import signal
 import socket
 import subprocess
@@ -10,9 +9,11 @@ import time
 import urllib.request
 from pathlib import Path
 
+import psutil
 import pytest
 
 from mmw.__main__ import main
+from tests.fixtures.listeners import is_loopback, listeners
 from tests.fixtures.small_dataset import small_dataset
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -36,33 +37,6 @@ def free_pair() -> int:
             except (OSError, OverflowError):
                 continue
             return port
-
-
-def listening(processes: set[int]) -> set[str]:
-    """Return the addresses, in hexadecimal, that processes listen on, from Linux's own tables."""
-    sockets = set()
-    for process in processes:
-        for file in Path(f"/proc/{process}/fd").iterdir():
-            try:
-                sockets |= set(re.findall(r"socket:\[(\d+)\]", str(file.readlink())))
-            except FileNotFoundError:
-                continue
-    found = set()
-    for table in ("tcp", "tcp6"):
-        for line in Path(f"/proc/net/{table}").read_text().splitlines()[1:]:
-            fields = line.split()
-            if fields[3] == "0A" and fields[9] in sockets:
-                found.add(fields[1])
-    return found
-
-
-def family(process: int) -> set[int]:
-    """Return a process and all that it started."""
-    found = {process}
-    for task in Path(f"/proc/{process}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            found |= family(int(child))
-    return found
 
 
 @pytest.mark.parametrize(
@@ -136,7 +110,6 @@ def test_a_port_that_is_taken_is_one_line(capsys: pytest.CaptureFixture[str]) ->
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's tables of sockets")
 def test_the_web_viewer_listens_on_this_machine_only_and_ends_when_told() -> None:
     pytest.importorskip("rerun")
     port = free_pair()
@@ -152,10 +125,10 @@ def test_the_web_viewer_listens_on_this_machine_only_and_ends_when_told() -> Non
             while not found >= {port, port + 1}:
                 assert process.poll() is None and time.monotonic() < end
                 time.sleep(0.1)
-                members = family(process.pid)
-                addresses = listening(members)
-                found = {int(address.split(":")[1], 16) for address in addresses}
-            assert {address.split(":")[0] for address in addresses} == {"0100007F"}  # 127.0.0.1
+                members = psutil.Process(process.pid).children(recursive=True)
+                sockets = listeners(process.pid)
+                found = {one.port for one in sockets}
+            assert [one for one in sockets if not is_loopback(one.address)] == []
             page = urllib.request.urlopen(url, timeout=HANGS_S).read().decode()
             assert "re_viewer" in page
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/re_viewer.js", timeout=HANGS_S) as script:
@@ -168,7 +141,7 @@ def test_the_web_viewer_listens_on_this_machine_only_and_ends_when_told() -> Non
             process.wait(timeout=HANGS_S)
         assert process.returncode == 0
         end = time.monotonic() + HANGS_S
-        while any(Path(f"/proc/{member}").exists() for member in members - {process.pid}):
+        while any(member.is_running() for member in members):
             assert time.monotonic() < end, "the viewer outlives the command"
             time.sleep(0.1)
 

@@ -11,7 +11,7 @@ import mmw.generation.executors.local_processes
 from mmw.cli.run import main
 from mmw.core.temp_files import Owner, is_temporary, owned, owner_of, temporary_path
 from mmw.storage.file_checks import verify
-from mmw.storage.lock import clean_other_parts, temporaries, writing
+from mmw.storage.lock import remove_leftovers, temporaries, writing
 from tests.fixtures import dying_workers
 from tests.fixtures.dying_workers import note_of
 from tests.fixtures.own_world import assert_same_files, command
@@ -26,6 +26,8 @@ def test_a_name_tells_the_owner(tmp_path: Path) -> None:
     assert owner_of(temporary_path(path)) is None and is_temporary(temporary_path(path))
     with owned(tmp_path, run):
         assert owner_of(temporary_path(path)) == owner_of(temporary_path(path, ".usda")) == run
+        of_usd = temporary_path(path, ".usdc").with_suffix(".NaWUb6")  # USD writes beside a file, and renames
+        assert owner_of(of_usd) == run and is_temporary(of_usd)
         with owned(tmp_path, worker):
             assert owner_of(temporary_path(path)) == worker
             assert owner_of(temporary_path(tmp_path.parent / "part-000000.parquet")) is None
@@ -57,15 +59,55 @@ def test_a_part_removes_what_nobody_can_be_writing(tmp_path: Path) -> None:
         with writing(tmp_path, 1, 2, pytest.fail) as second:
             assert not other.exists() and mine.exists()
             theirs = unfinished(tmp_path, second)
-            clean_other_parts(tmp_path, 0, 2)
-            assert theirs.exists()  # it is being written
+            remove_leftovers(tmp_path, 0, 2)
+            assert theirs.exists() and unknown.exists()  # they may be in use
         assert not theirs.exists() and mine.exists()
         other = unfinished(tmp_path, Owner(1, 2))
-        clean_other_parts(tmp_path, 0, 2)
-        assert not other.exists() and mine.exists()
-    assert not mine.exists() and unknown.exists()
+        remove_leftovers(tmp_path, 0, 2)
+        assert not other.exists() and not unknown.exists() and mine.exists()
+    assert not mine.exists()
     with writing(tmp_path, 0, 1, pytest.fail):
         assert temporaries(tmp_path) == []
+
+
+def test_a_finished_dataset_keeps_nothing_of_dead_processes(tmp_path: Path) -> None:
+    """Of parts of any number, and of nobody; a live part keeps its files, and those of nobody stay with it."""
+    locks = tmp_path / "_locks"
+    with writing(tmp_path, 0, 2, pytest.fail) as run, writing(tmp_path, 1, 2, pytest.fail) as live:
+        dead = [unfinished(tmp_path, owner) for owner in (Owner(0, 1), Owner(2, 3))]
+        nobodys, theirs = unfinished(tmp_path, None), unfinished(tmp_path, live)
+        for name in ("part-0-of-1", "part-2-of-3"):
+            (locks / f"{name}.lock").touch()
+            (locks / f"{name}.json").write_text("process 1 on a machine")
+        remove_leftovers(tmp_path, run.index, run.count)
+        assert not any(path.exists() for path in dead)
+        assert nobodys.exists() and theirs.exists()
+        assert sorted(path.name for path in locks.glob("*.json")) == ["part-0-of-2.json", "part-1-of-2.json"]
+    with writing(tmp_path, 0, 2, pytest.fail):
+        remove_leftovers(tmp_path, 0, 2)
+        assert not nobodys.exists()
+    assert temporaries(tmp_path) == [] and not list(locks.glob("*.json"))
+
+
+def test_a_run_ends_without_what_a_worker_of_the_killed_one_wrote_late(tmp_path: Path) -> None:
+    with writing(tmp_path, 0, 2, pytest.fail):
+        late = unfinished(tmp_path, Owner(0, 2))
+    assert not late.exists()
+
+
+def test_a_lock_that_somebody_looks_at_is_free(tmp_path: Path) -> None:
+    """`mmw status` locks it for a moment to see whether it is held."""
+    path = tmp_path / "_locks" / "part-0-of-1.lock"
+    path.parent.mkdir()
+    code = (
+        "import sys, time; from filelock import FileLock\n"
+        "with FileLock(sys.argv[1]): print(flush=True); time.sleep(0.2)"
+    )
+    with subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE) as other:
+        assert other.stdout
+        other.stdout.readline()
+        with writing(tmp_path, 0, 1, pytest.fail):
+            pass
 
 
 def assert_whole(world: Path, out: str) -> None:

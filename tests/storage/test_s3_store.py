@@ -12,6 +12,7 @@ import pytest
 from mmw.storage import s3_store as bucket
 from mmw.storage.atomic_files import StoreError
 from mmw.storage.file_checks import verify
+from mmw.storage.lock import remove_leftovers, writing
 from mmw.storage.manifest import pending_shards, prepare_root, read_dataset, upload_finished
 from mmw.storage.s3_store import MAX_SINGLE_PUT_BYTES, Bucket
 from mmw.storage.shard_writer import ShardKey, marker_path
@@ -298,3 +299,18 @@ def test_where_files_are_made(s3: Server, tmp_path: Path, monkeypatch: pytest.Mo
         prepare_root(parted, IDENTITY, META["config_sha256"], {}, False)
         assert stale.is_dir() == is_left and parted.folder.name.endswith(f".{part}")
     assert (given.staging / "mine").is_dir() and given.staging / "mine" not in parted.folder.parents
+
+
+def test_what_a_killed_run_on_ray_left_is_removed(server: Server, tmp_path: Path) -> None:
+    """Its nodes look for a file in `_locks`; of other parts nobody knows whether they run."""
+    root = Bucket(server.address("probe"), tmp_path)
+    make(root)
+    for part in ("0of2", "1of2", "0of1"):
+        root.write_atomically(f"_locks/.ray.{part}-0123456789ab-0123456789ab.tmp", b"")
+    with writing(root, 1, 2, pytest.fail):
+        remove_leftovers(root, 1, 2)
+    assert root.names("_locks") == ["_locks/.ray.0of2-0123456789ab-0123456789ab.tmp"]
+    with writing(root, 0, 1, pytest.fail):
+        remove_leftovers(root, 0, 1)
+    assert root.names("_locks") == []
+    assert verify(root) == []

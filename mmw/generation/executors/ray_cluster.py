@@ -7,13 +7,14 @@ import signal
 import socket
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import ray
+from ray._private import ray_constants
 from ray.exceptions import RayError
 
 from mmw.core.device import workers_that_fit
@@ -22,7 +23,14 @@ from mmw.core.errors import InputError
 OBJECT_STORE_BYTES = 100 * 2**20
 """Size of Ray's object store where this run starts Ray itself [bytes]; it holds only messages. Ray needs 75 MiB."""
 CONNECT_TIMEOUT_S = 10.0
-"""Time that a cluster has to accept a connection [s]. Design value."""
+"""Time that a cluster has to accept a connection [s], and after which the user is told that Ray is still trying. Design
+value."""
+LOOPBACK = ("localhost", "127.0.0.1", "::1")
+"""Names of this machine that Ray replaces by its address in the network."""
+GREETING = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))
+"""First bytes of a client of gRPC, with empty settings (RFC 9113, 3.4); the server answers with its settings."""
+SETTINGS = 4
+"""Type of a frame of settings, which is the fourth byte of its header (RFC 9113, 4.1 and 6.5)."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +98,13 @@ def _workers_per_gpu(node: Mapping[str, float], gpu_bytes: float) -> int:
 
 
 @contextmanager
-def connect_cluster() -> Iterator[str]:
+def connect_cluster(say: Callable[[str], None]) -> Iterator[str]:
     """Connect to the cluster of RAY_ADDRESS, else to the latest that was started on this machine, else start one here.
 
-    An existing connection is used and left open.
+    An existing connection is used and left open. A cluster that is started here listens on 127.0.0.1 only.
+
+    Args:
+        say: Receives one line if it takes long.
 
     Yields:
         Description of the cluster for people.
@@ -103,7 +114,7 @@ def connect_cluster() -> Iterator[str]:
     """
     is_own = not ray.is_initialized()
     if is_own:
-        _connect(_address())
+        _connect(_address(), say)
     try:
         with _quiet():
             nodes = node_resources()
@@ -120,22 +131,46 @@ def node_resources() -> list[dict[str, float]]:
     return [node["Resources"] for node in ray.nodes() if node["Alive"]]
 
 
-def _connect(address: str | None) -> None:
+def _connect(address: str | None, say: Callable[[str], None]) -> None:
     options: dict[str, Any] = {}  # Ray finds the same address itself, and the token that may belong to it
     if address is None:
         options = {"address": "local", "include_dashboard": False, "object_store_memory": OBJECT_STORE_BYTES}
+        is_private = True
     else:
-        _check_address(address)
+        is_private = _check_address(address)
+    where = address or "this machine"
     terminated = signal.getsignal(signal.SIGTERM)
+    line = f"Ray at {where}: no connection after {CONNECT_TIMEOUT_S:.0f} s; still trying"
+    slow = threading.Timer(CONNECT_TIMEOUT_S, say, [line])
+    slow.daemon = True
+    slow.start()
     try:
-        ray.init(**options, log_to_driver=False, logging_level=logging.ERROR)
+        with _loopback(is_private):
+            ray.init(**options, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, RayError) as error:
         raise InputError(
-            f"Ray at {address or 'this machine'}: {' '.join(str(error).split())}; Ray and Python must have the same "
+            f"Ray at {where}: {' '.join(str(error).split())}; Ray and Python must have the same "
             "versions there, and if it wants a token, the same ~/.ray/auth_token and RAY_AUTH_MODE=token"
         ) from error
+    finally:
+        slow.cancel()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, terminated)  # Ray's handler aborts the process; Ray ends with it anyway
+
+
+@contextmanager
+def _loopback(is_wanted: bool) -> Iterator[None]:
+    """Let Ray call this machine 127.0.0.1 if `is_wanted`: what it starts then listens there only.
+
+    Ray replaces 127.0.0.1 in all its options by the machine's address in the network, on Linux; this is its switch for
+    systems where it does not.
+    """
+    before = ray_constants.ENABLE_RAY_CLUSTER
+    ray_constants.ENABLE_RAY_CLUSTER = before and not is_wanted
+    try:
+        yield
+    finally:
+        ray_constants.ENABLE_RAY_CLUSTER = before
 
 
 def _address() -> str | None:
@@ -149,21 +184,49 @@ def _address() -> str | None:
     return None
 
 
-def _check_address(address: str) -> None:
-    """Check that a cluster accepts connections, for which Ray itself would wait many minutes."""
+def _check_address(address: str) -> bool:
+    """Check that a cluster answers, for which Ray itself would wait for minutes or for ever.
+
+    Returns:
+        True if it does so on 127.0.0.1 only.
+    """
     host, _, port = address.rpartition(":")
     if "://" in address or not host or not port.isdecimal():
         raise InputError(
             f"RAY_ADDRESS = {address!r}: is not host:port of a cluster's head, such as 10.0.0.1:6379; give that, or "
             "local for this machine alone"
         )
+    cure = (
+        "start it (ray start), tidy up after one that crashed (ray stop), or set RAY_ADDRESS: host:port of another "
+        "one, or local for this machine alone"
+    )
     try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_TIMEOUT_S).close()
-    except OSError as error:
-        raise InputError(
-            f"Ray at {address} does not answer ({error.strerror or error}); start it (ray start), tidy up after one "
-            "that crashed (ray stop), or set RAY_ADDRESS: host:port of another one, or local for this machine alone"
-        ) from error
+        _greet(host, int(port))
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"Ray at {address} does not answer ({reason}); {cure}") from error
+    if host.strip("[]") not in LOOPBACK:
+        return False
+    try:
+        _greet(ray.util.get_node_ip_address(), int(port))
+    except OSError:
+        return True
+    return False
+
+
+def _greet(host: str, port: int) -> None:
+    """Connect to a server of gRPC and wait for its first answer.
+
+    Raises:
+        OSError: If nothing listens there, or what does is no such server.
+    """
+    with socket.create_connection((host.strip("[]"), port), timeout=CONNECT_TIMEOUT_S) as connection:
+        if os.environ.get("RAY_USE_TLS", "0") not in ("0", ""):
+            return  # the greeting is encrypted
+        connection.sendall(GREETING)
+        answer = connection.recv(9, socket.MSG_WAITALL)
+        if len(answer) < 9 or answer[3] != SETTINGS:
+            raise OSError("what listens there is not Ray")
 
 
 @contextmanager

@@ -50,7 +50,7 @@ def open_ray_executor(compute: ComputeConfig, console: Console) -> Iterator["Ray
     Raises:
         InputError: If the cluster cannot be reached or has no such device, or mmw is missing on it.
     """
-    with connect_cluster() as description:
+    with connect_cluster(console.say) as description:
         console.say(description)
         executor = RayExecutor(node_resources(), compute, console)
         try:

@@ -1,8 +1,11 @@
 """Workers as actors of a Ray cluster on this machine: the same data, whichever of them dies."""
 
 import re
+import socket
 import sys
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -11,6 +14,7 @@ import pytest
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'multimodal-wireless[ray]'")
 
+import mmw.generation.executors.ray_cluster as ray_cluster  # noqa: E402
 import mmw.generation.executors.ray_executor as ray_executor  # noqa: E402
 from mmw.cli.run import main  # noqa: E402
 from mmw.config import load_config  # noqa: E402
@@ -39,7 +43,7 @@ def here(s3: Server) -> Iterator[str]:
     """Start a cluster on this machine for all tests; its processes have the credentials of the bucket."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("RAY_ADDRESS", "local")
-        with connect_cluster() as description:
+        with connect_cluster(print) as description:
             yield description
     assert not ray.is_initialized()
 
@@ -206,3 +210,64 @@ def test_a_cluster_that_is_not_there(
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and message in lines[0]
     assert not (world / "none").exists()
+
+
+@contextmanager
+def answering(answer: bytes, host: str = "127.0.0.1") -> Iterator[str]:
+    """Listen on a free port; answer every connection with some bytes, none keeps it open and silent."""
+    with socket.create_server((host, 0)) as server:
+        kept: list[socket.socket] = []
+
+        def accept() -> None:
+            while True:
+                try:
+                    kept.append(server.accept()[0])
+                except OSError:
+                    return
+                if answer:
+                    with kept.pop() as connection:
+                        connection.recv(len(ray_cluster.GREETING), socket.MSG_WAITALL)
+                        connection.sendall(answer)
+
+        threading.Thread(target=accept, daemon=True).start()
+        yield f"127.0.0.1:{server.getsockname()[1]}"
+        server.shutdown(socket.SHUT_RDWR)
+        for connection in kept:
+            connection.close()
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"), [(b"", "timed out"), (b"HTTP/1.0 400 Bad Request\r\n\r\n", "what listens there is not Ray")]
+)
+def test_what_listens_but_is_not_ray_is_said_early(
+    world: Path, answer: bytes, reason: str, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ray itself tries again and again, without a line."""
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray_cluster, "CONNECT_TIMEOUT_S", 0.3)
+    with answering(answer) as address:
+        monkeypatch.setenv("RAY_ADDRESS", address)
+        assert run(world, "none") == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and f"Ray at {address} does not answer ({reason}); start it" in lines[0]
+
+
+@pytest.mark.parametrize(("host", "is_private"), [("127.0.0.1", True), ("0.0.0.0", False)])
+def test_a_head_that_listens_on_this_machine_only(host: str, is_private: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ray would look for it at the machine's address in the network, here one that is loopback too."""
+    monkeypatch.setattr(ray.util, "get_node_ip_address", lambda: "127.0.0.2")
+    with answering(bytes((0, 0, 0, ray_cluster.SETTINGS, 0, 0, 0, 0, 0)), host) as address:
+        assert ray_cluster._check_address(address) is is_private
+
+
+def test_a_slow_connection_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    said, told = list[str](), threading.Event()
+
+    def say(line: str) -> None:
+        said.append(line)
+        told.set()
+
+    monkeypatch.setattr(ray_cluster, "CONNECT_TIMEOUT_S", 0.01)
+    monkeypatch.setattr(ray, "init", lambda **_: told.wait(30.0))
+    ray_cluster._connect(None, say)
+    assert said == ["Ray at this machine: no connection after 0 s; still trying"]
