@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmw.core.errors import InputError
-from mmw.generation.software import RECORDED, software_differences, software_of
+from mmw.generation.software import RECORDED, packages_of, software_differences, software_of
 from mmw.storage.identity import Hashes, changed_inputs, is_hashes, is_of
 from mmw.storage.manifest import has_shards, read_dataset, read_markers
 from mmw.storage.store import DATASET, Store
@@ -82,7 +82,7 @@ def check_continuation(
                 f"{where}; its rows are not mixed with those of others (docs/guides/running.md); resume with what it "
                 f"was made with, allow it by --accept {kind}, or {anew}"
             )
-    old, new = ({**made.get("packages", {}), "python": made.get("python")} for made in (makers.before, now))
+    old, new = ({**packages_of(made), "python": made.get("python")} for made in (makers.before, now))
     for name in (*RECORDED, "python") if has_work else ():
         if old.get(name) != new.get(name):
             lines.append(f"{root}: begun with {name} {old.get(name)}, resumed with {new.get(name)}; no value changes")
