@@ -17,7 +17,7 @@ ACCEPTABLE = {VERSIONS: "with other versions", MACHINE: "on another kind of mach
 
 @dataclass(frozen=True)
 class Makers:
-    """What began a dataset, and what made its shards."""
+    """Software and kinds of machine of a dataset: those that began it, and those of its shards."""
 
     before: Mapping[str, Any]
     """Result of `versions` of the run that began it."""

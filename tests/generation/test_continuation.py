@@ -1,4 +1,4 @@
-"""What a resumed run accepts, as the table in `docs/guides/running.md` has it."""
+"""A resumed run accepts what the table in `docs/guides/running.md` says, and nothing else."""
 
 import json
 import shutil
