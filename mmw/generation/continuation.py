@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mmw.core.errors import InputError
-from mmw.generation.software import RECORDED, software_differences, software_of
+from mmw.generation.software import RECORDED, packages_of, software_differences, software_of
 from mmw.storage.identity import Hashes, changed_inputs, is_hashes, is_of
 from mmw.storage.manifest import has_shards, read_dataset, read_markers
 from mmw.storage.store import DATASET, Store
@@ -17,7 +17,7 @@ ACCEPTABLE = {VERSIONS: "with other versions", MACHINE: "on another kind of mach
 
 @dataclass(frozen=True)
 class Makers:
-    """What began a dataset, and what made its shards."""
+    """Software and kinds of machine of a dataset: those that began it, and those that were accepted since."""
 
     before: Mapping[str, Any]
     """Result of `versions` of the run that began it."""
@@ -26,14 +26,27 @@ class Makers:
     machines: tuple[str, ...]
     """Kinds of machine."""
 
+    @property
+    def accepted(self) -> set[str]:
+        """Keys of `ACCEPTABLE` of which earlier runs were told to accept several values."""
+        several = {VERSIONS: self.software, MACHINE: self.machines}
+        return {kind for kind, values in several.items() if len(values) > 1}
+
 
 def makers_of(root: Store) -> Makers:
-    """Return what began a dataset, and what made its shards."""
+    """Return the software and the kinds of machine of a dataset.
+
+    Shards that no run was told to accept, such as copies from another dataset, do not count; `mmw verify` reports them.
+    """
     head = read_dataset(root)
-    markers = [marker for marker in read_markers(root) if is_of(marker, head)]
     before = head["versions"]
-    software = [software_of(before), *(marker.get("software") for marker in markers)]
-    machines = [before.get("device"), *(marker.get("device") for marker in markers)]
+    software, machines = [software_of(before)], [before.get("device")]
+    for marker in read_markers(root):
+        if is_of(marker, head):
+            accepted = str(marker.get("accepted")).split()
+            software += [marker.get("software")] if VERSIONS in accepted else []
+            is_old = not marker.get("software")  # mmw 0.2 accepted any machine
+            machines += [marker.get("device")] if MACHINE in accepted or is_old else []
     known = (tuple(dict.fromkeys(str(one) for one in some if one)) for some in (software, machines))
     return Makers(before, *known)
 
@@ -82,7 +95,7 @@ def check_continuation(
                 f"{where}; its rows are not mixed with those of others (docs/guides/running.md); resume with what it "
                 f"was made with, allow it by --accept {kind}, or {anew}"
             )
-    old, new = ({**made.get("packages", {}), "python": made.get("python")} for made in (makers.before, now))
+    old, new = ({**packages_of(made), "python": made.get("python")} for made in (makers.before, now))
     for name in (*RECORDED, "python") if has_work else ():
         if old.get(name) != new.get(name):
             lines.append(f"{root}: begun with {name} {old.get(name)}, resumed with {new.get(name)}; no value changes")

@@ -71,7 +71,7 @@ def generate_dataset(
             "mmw_version": now["mmw"],
             "git_sha": now["git"],
             "software": now["software"],
-            "accepted": " ".join(sorted(accepted)) or None,
+            "accepted": " ".join(sorted({*accepted, *makers.accepted})) or None,
         }
         total, frames = (sum(item.frames for item in some) for some in (wanted, work))
         most = len(work)

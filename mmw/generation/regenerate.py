@@ -29,12 +29,14 @@ from mmw.dataset import open_dataset
 from mmw.generation.capture import capture_frames
 from mmw.generation.pipeline import join_batches, make_batch
 from mmw.generation.provenance import stored_config
+from mmw.scene.input_files import hash_inputs
 from mmw.scene.prepare import ASSETS, STAGES, read_scenario, stored_stage
 from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.arrow_tables import check_table, table_from_columns
-from mmw.storage.manifest import read_markers
+from mmw.storage.identity import changed_inputs
+from mmw.storage.manifest import read_dataset, read_markers
 from mmw.storage.schemas import table_spec
 from mmw.storage.store import Root, store_of
 
@@ -55,6 +57,7 @@ class RowRegenerator:
         store = store_of(root)
         self.address = store.address
         self.config = stored_config(store)
+        self._inputs = read_dataset(store).get("inputs", {})
         select_bvh(os.environ.get(BVH_VARIABLE) or self.config.compute.bvh)
         self.device = choose_device(device)
         self._held = ExitStack()
@@ -92,7 +95,8 @@ class RowRegenerator:
             key: Values of further columns of the table's key, such as `peer` or `object_id`.
 
         Raises:
-            InputError: If a name is not known, or the dataset's configuration makes no such row.
+            InputError: If a name is not known, the dataset's configuration makes no such row, or the user's stage has
+                changed.
         """
         spec = table_spec(table)
         found = self.config.scenario(scenario)
@@ -122,9 +126,22 @@ class RowRegenerator:
     def _read(self, scenario: ScenarioConfig) -> SceneData:
         if self._scenario != scenario.name or self._arrays is None:
             self._batch = None
+            self._check_stage(scenario)
             self._arrays = read_scenario(self.config, scenario, stored_stage(self._stages, scenario))
             self._scenario = scenario.name
         return self._arrays
+
+    def _check_stage(self, scenario: ScenarioConfig) -> None:
+        """Check that a stage which is read where the user has it is the one that was traced."""
+        recorded = self._inputs.get(scenario.name)
+        if scenario.stage is None or recorded is None:
+            return
+        now = hash_inputs(self.config.model_copy(update={"scenarios": (scenario,)}), Path())
+        if changes := changed_inputs({"inputs": {scenario.name: recorded}}, {scenario.name: now[scenario.name]}):
+            raise InputError(
+                f"{self.address}: {'; '.join(changes)} since the dataset was made; its rows cannot be made again; put "
+                "the old content back"
+            )
 
     def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Batch:
         """Return the batch of a scenario that traces only what a table's rows need, one frame at a time."""

@@ -94,10 +94,16 @@ def software_of(versions: Mapping[str, Any]) -> str:
 
     The commit is not a part of it, but the code is: a commit that changes no row does not count.
     """
-    packages = versions.get("packages", {})
+    packages = packages_of(versions)
     parts = [f"mmw {versions.get('mmw', 'unknown')}", f"code {versions.get('code', 'unknown')}"]
     parts += [f"{name} {packages[name]}" for name in packages if name not in RECORDED]
     return ", ".join([*parts, *([f"{BVH} {versions['bvh']}"] if versions.get("bvh") else [])])
+
+
+def packages_of(versions: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the versions of packages that `dataset.json` records; none if it has none that can be understood."""
+    found = versions.get("packages")
+    return found if isinstance(found, dict) else {}
 
 
 def software_differences(one: str, other: str) -> str:
@@ -114,9 +120,9 @@ def code_digest() -> str:
     """Return the first digits of the SHA-256 of the code that makes rows and of the shipped assets that it uses."""
     from mmw.kernels import __file__ as kernels
 
-    code = (path for folder in (PACKAGE, Path(str(kernels)).parent) for path in folder.rglob("*.py"))
-    assets = (path for name in OWN_ASSETS for path in (assets_dir() / name).rglob("*") if path.is_file())
-    files = {_name(path.resolve()): path for path in (*code, *assets)}
+    files = _files(PACKAGE, "", "*.py") | _files(Path(str(kernels)).parent, "kernels/", "*.py")
+    for name in OWN_ASSETS:
+        files |= _files(assets_dir() / name, f"assets/usd/{name}/", "*")
     counted = {name: path for name, path in files.items() if not name.startswith(tuple(f"{one}/" for one in NO_ROWS))}
     return _digest(counted)
 
@@ -128,7 +134,7 @@ def _digest(files: Mapping[str, Path]) -> str:
     return total.hexdigest()[:12]
 
 
-def _name(path: Path) -> str:
-    """Return the name of a file that is the same in a checkout, where folders stand beside the package, and a wheel."""
-    root = PACKAGE if path.is_relative_to(PACKAGE) else PACKAGE.parent
-    return path.relative_to(root).as_posix()
+def _files(folder: Path, prefix: str, pattern: str) -> dict[str, Path]:
+    """Return the files below a folder by names that are the same in a checkout and in a wheel."""
+    found = (path for path in folder.rglob(pattern) if path.is_file())
+    return {f"{prefix}{path.relative_to(folder).as_posix()}": path for path in found}

@@ -95,7 +95,7 @@ def _files(place: InputPlace, path: Path) -> Iterator[tuple[str, Path | None]]:
         elif file.is_relative_to(shipped / "towns"):
             yield f"assets/usd/{file.relative_to(shipped).as_posix()}", file
     for name in others.missing:
-        yield _relative(Path(name), real.parent) if Path(name).is_absolute() else name, None
+        yield _relative(Path(name).resolve(), real.parent) if Path(name).is_absolute() else name, None
 
 
 def _relative(file: Path, folder: Path) -> str:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
@@ -84,10 +85,9 @@ def prepare_scenario(
         _write_digests(note, path, root, str(source), inputs)
         return path
     path = root / STAGES / f"{scenario.name}.usdc"
-    if note.is_file() and path.is_file():
-        made = json.loads(note.read_text())
-        if made["sha256"] == sha256(path) and made.get("inputs", inputs) == inputs:
-            return path
+    made = parse_digests(note.read_bytes() if note.is_file() else None)
+    if made is not None and path.is_file() and made["sha256"] == sha256(path) and made.get("inputs", inputs) == inputs:
+        return path
     names = config.variants[config.weathers[0]]
     catalog = load_catalog()
     tracks = make_tracks(config, scenario, source, catalog, base)
@@ -113,6 +113,16 @@ def _write_digests(note: Path, stage: Path, root: Path, source: str, inputs: Map
     assets = dict(sorted(asset_digests(stage, root).items()))
     content = {"sha256": sha256(stage), "source": source, "assets": assets, "inputs": dict(sorted(inputs.items()))}
     write_bytes_atomically(note, json.dumps(content, indent=1).encode())
+
+
+def parse_digests(data: bytes | None) -> dict[str, Any] | None:
+    """Return the hashes that were written beside a stage; None if there are none, or they are damaged."""
+    try:
+        found = json.loads(data or b"")
+    except (ValueError, RecursionError):
+        return None
+    is_complete = isinstance(found, dict) and isinstance(found.get("sha256"), str)
+    return found if is_complete and isinstance(found.get("assets"), dict) else None
 
 
 def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:

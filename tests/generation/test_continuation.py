@@ -1,4 +1,4 @@
-"""What a resumed run accepts, as the table in `docs/guides/running.md` has it."""
+"""A resumed run accepts what the table in `docs/guides/running.md` says, and nothing else."""
 
 import json
 import shutil
@@ -33,9 +33,9 @@ def folder(finished: Path, tmp_path: Path) -> Path:
     return shutil.copytree(finished, tmp_path / "copy")
 
 
-def lose_a_shard(root: Path) -> str:
-    """Remove the marker of the second shard, as if the run had been killed before it, and return its name."""
-    marker = root / "_shards" / "drive.sunny.000002.json"
+def lose_a_shard(root: Path, frame: int = 2) -> str:
+    """Remove the marker of a shard, as if the run had been killed before it, and return its name."""
+    marker = root / "_shards" / f"drive.sunny.{frame:06d}.json"
     marker.unlink()
     return marker.name
 
@@ -49,7 +49,7 @@ def test_unchanged_inputs_are_left_alone(folder: Path, capsys: pytest.CaptureFix
     before = all_files(folder / "d")
     assert check(folder / "d", 1) == []
     assert run(folder) == 0
-    assert "4 of 4 frames are there already; nothing to make" in capsys.readouterr().err
+    assert "6 of 6 frames are there already; nothing to make" in capsys.readouterr().err
     after = all_files(folder / "d")
     assert {name for name in before if before[name] != after.get(name)} <= {"_manifest.parquet", "README.md"}
     assert after.keys() == before.keys() and after["README.md"] == before["README.md"]
@@ -104,7 +104,7 @@ def test_a_changed_file_makes_another_dataset_with_overwrite(folder: Path) -> No
     write_drive(folder / "drive.csv", speed=9.0)
     assert run(folder, "--overwrite") == 0
     speeds = open_dataset(folder / "d").read("poses", agent="cav_1").column("vx").to_pylist()
-    assert speeds == pytest.approx([9.0] * 4, abs=0.1)
+    assert speeds == pytest.approx([9.0] * 6, abs=0.1)
     assert check(folder / "d", 1) == []
 
 
@@ -170,6 +170,7 @@ def test_other_versions_are_refused_or_recorded(
     assert run(folder) == 0  # nothing to make, nothing to mix
     assert f"was made with other versions: code {own} -> 0ther; it is complete" in capsys.readouterr().err
     name = lose_a_shard(root)
+    lose_a_shard(root, 4)
     before = all_files(root)
     assert run(folder) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -188,7 +189,24 @@ def test_other_versions_are_refused_or_recorded(
     assert mmw_main(["status", str(root)]) == 0
     assert "mixed: made by 2 versions of the software" in capsys.readouterr().out
     lose_a_shard(root)
-    assert run(folder, "--accept", "versions") == 0  # the same command resumes
+    assert run(folder) == 0  # another shard has been accepted
+    assert json.loads((root / "_shards" / name).read_text())["accepted"] == "versions"
+    assert [finding.kind for finding in check(root, 1)] == ["mixed"]
+
+
+def test_a_shard_that_nobody_accepted_is_an_error(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a shard of another dataset, of the same configuration and other code, was copied into this one."""
+    other = shutil.copytree(folder / "d", folder / "other")
+    with_code(monkeypatch, "0ther")
+    assert run(folder, "--overwrite", out="other") == 0
+    for path in [*other.rglob("part-000002.parquet"), other / "_shards" / "drive.sunny.000002.json"]:
+        shutil.copy(path, folder / "d" / path.relative_to(other))
+    finalize(folder / "d")
+    found = {finding.kind: finding.text for finding in check(folder / "d", 1)}
+    assert found.keys() == {"mixed", "versions"}
+    assert "code 0ther" in found["versions"] and "no run was told to --accept versions" in found["versions"]
+    lose_a_shard(folder / "d")
+    assert run(folder) == 2  # it does not count as accepted
 
 
 def test_another_machine_is_refused_or_recorded(

@@ -204,7 +204,7 @@ def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]]
         "",
         f"- schema version {info['schema_version']}, made {info['created_utc']}",
         f"- configuration SHA-256 `{info['config_sha256']}`; `{CONFIG}` makes the same rows again, `{DATASET}` has the "
-        "versions and the hashes of the sources",
+        "versions and the hashes of the input files",
         *(f"- {name} {value}" for name, value in versions.items()),
         "",
         "## Tables",

@@ -1,14 +1,12 @@
 """Check that the USD stages of a dataset and the copies that they refer to are those that were traced."""
 
 import hashlib
-import json
 from collections.abc import Iterator
 from pathlib import PurePosixPath
-from typing import Any
 
 from mmw.config import Config
 from mmw.core.temp_files import is_temporary
-from mmw.scene.prepare import ASSETS, STAGES
+from mmw.scene.prepare import ASSETS, STAGES, parse_digests
 from mmw.storage.finding import Finding
 from mmw.storage.identity import Hashes
 from mmw.storage.store import Store
@@ -25,7 +23,7 @@ def check_stages(root: Store, config: Config, inputs: Hashes | None) -> Iterator
         name = f"{STAGES}/{scenario.name}.json"
         stage = f"{STAGES}/{scenario.name}.{'usdc' if scenario.stage is None else 'usda'}"
         known |= {name, stage}
-        digests = _digests(root.read(name))
+        digests = parse_digests(root.read(name))
         if digests is None:
             yield Finding("missing", name, f"the hashes of the stage are not there or cannot be read; {CURE}")
             continue
@@ -39,15 +37,6 @@ def check_stages(root: Store, config: Config, inputs: Hashes | None) -> Iterator
     for name in (*root.names(STAGES), *root.names(ASSETS)):
         if name not in known and not is_temporary(PurePosixPath(name)):
             yield Finding("foreign", name, "no scenario of the configuration has this file; move it away")
-
-
-def _digests(data: bytes | None) -> dict[str, Any] | None:
-    try:
-        found = json.loads(data or b"")
-    except (ValueError, RecursionError):
-        return None
-    is_complete = isinstance(found, dict) and isinstance(found.get("sha256"), str)
-    return found if is_complete and isinstance(found.get("assets"), dict) else None
 
 
 def _check_file(root: Store, name: str, digest: str) -> Iterator[Finding]:

@@ -150,8 +150,10 @@ def _scenario(
 
 def _plan(inventory: Inventory, data: Dataset, name: str, plans: dict[str, TownPlan]) -> tuple[TownPlan, str]:
     """Return the map of a scenario's town, read once a town, and a note if it cannot be read."""
-    sources = inventory.head["versions"].get("sources", {}).get(name, {})
-    key = repr(sorted(sources.items())) if sources else name
+    sources = [
+        made.get(name) for made in (inventory.head["versions"].get("sources", {}), inventory.head.get("inputs", {}))
+    ]
+    key = repr(sources) if any(sources) else name
     try:
         if key not in plans:
             plans[key] = read_town_plan(data, name)

@@ -21,6 +21,7 @@ def provenance_section(inventory: Inventory) -> str:
     rows: list[tuple[str, Any]] = [
         ("mmw", versions.get("mmw", "unknown")), ("git revision", versions.get("git") or "none"),
         ("schema", head["schema_version"]), ("python", versions.get("python", "unknown")),
+        ("code", versions.get("code", "unknown")),
         ("packages", ", ".join(f"{name} {number}" for name, number in versions.get("packages", {}).items())),
         ("device", _several(versions.get("device", ""), [marker.get("device") for marker in markers])),
         ("created", head.get("created_utc", "unknown")),
@@ -28,7 +29,7 @@ def provenance_section(inventory: Inventory) -> str:
         ("seconds of the shards", _seconds(inventory)),
         ("configuration SHA-256", head["config_sha256"]),
     ]  # fmt: skip
-    for scenario, files in versions.get("sources", {}).items():
+    for scenario, files in (*versions.get("sources", {}).items(), *head.get("inputs", {}).items()):
         rows += [(f"{scenario}: {name}", f"SHA-256 {digest}") for name, digest in files.items()]
     parts = [table(("", ""), rows), _weathers(head["config"].get("air", {}))]
     path = inventory.root / CONFIG

@@ -11,11 +11,12 @@ import pytest
 
 from mmw.cli.verify import check
 from mmw.core.errors import InputError
+from mmw.storage.identity import inputs_sha256
 from mmw.storage.manifest import finalize
 from mmw.storage.schemas import TABLES
 from mmw.storage.shard_writer import table_path
 from tests.fixtures.edit_files import agree, edit_json
-from tests.fixtures.small_dataset import SCENARIO, part, replace_column, rewrite, small_dataset
+from tests.fixtures.small_dataset import SCENARIO, copy_of, part, replace_column, rewrite, small_dataset
 
 Damage = tuple[str, Callable[[Path], None]]
 """Its name, and the function that does it to a dataset folder."""
@@ -161,11 +162,74 @@ def on_markers(root: Path) -> Iterator[Damage]:
     yield "manifest empty", lambda root: (root / "_manifest.parquet").write_bytes(b"")
 
 
+def head(root: Path, change: Callable[[dict], object]) -> None:
+    edit_json(root / "dataset.json", change)
+
+
+def note(root: Path, inputs: dict[str, str]) -> None:
+    edit_json(root / f"stages/{SCENARIO}.json", lambda content: content.update(inputs=inputs))
+
+
+def actors(root: Path, change: Callable[[dict], object]) -> None:
+    edit_json(root / f"_shards/{SCENARIO}.json", lambda content: change(content["actors"]))
+
+
+def on_identity(root: Path) -> Iterator[Damage]:
+    """Damage of recorded inputs, versions and actors: they are not those of the shards."""
+    other = {SCENARIO: {"drive.csv": "0" * 64}}
+    for values in (
+        {"inputs_sha256": "0" * 64}, {"inputs_sha256": None}, {"software": "mmw 9.9, code 0"}, {"software": None},
+        {"software": "mmw 9.9", "accepted": "versions"}, {"mmw_version": "9.9"}, {"git_sha": "0"},
+        {"device": "Some CPU"}, {"device": "Some CPU", "accepted": "versions"},
+    ):  # fmt: skip
+        yield f"marker {values}", lambda root, values=values: marked(root, **values)
+    yield "inputs added", lambda root: head(root, lambda content: content.update(inputs=other))
+    yield (
+        "inputs replaced",
+        lambda root: head(root, lambda content: content.update(inputs=other, inputs_sha256=inputs_sha256(other))),
+    )
+    for inputs in (None, [], {"a": 1}, {"a": {"b": 1}}):
+        yield f"inputs {inputs}", lambda root, inputs=inputs: head(root, lambda content: content.update(inputs=inputs))
+    yield "inputs without hash", lambda root: head(root, lambda content: content.pop("inputs_sha256"))
+    yield "software replaced", lambda root: head(root, lambda content: content["versions"].update(software="mmw 9.9"))
+    yield "device replaced", lambda root: head(root, lambda content: content["versions"].update(device="Some CPU"))
+    yield "stage of other inputs", lambda root: note(root, other[SCENARIO])
+    yield "no actors", lambda root: edit_json(root / f"_shards/{SCENARIO}.json", lambda content: content.pop("actors"))
+    yield "no CAV", lambda root: actors(root, lambda found: found.pop("cav_1"))
+    yield "no RSU", lambda root: actors(root, lambda found: found.pop("rsu_1"))
+    for values in (None, {}, {"role": "cav"}, {"role": "x", "frames": [[0, 4]]}, {"role": "cav", "frames": [[0, 9]]}):
+        yield f"actor {values}", lambda root, values=values: actors(root, lambda found: found.update(cav_1=values))
+
+
+@pytest.mark.parametrize(("column", "role", "count"), [("cav_count", "cav", 3), ("rsu_count", "rsu", 1)])
+def test_agents_are_missed_where_their_count_went_with_their_rows(
+    tmp_path: Path, column: str, role: str, count: int
+) -> None:
+    """The expectation comes from the stage and the configuration: no table of a shard has a row of them any more."""
+    root = copy_of(small_dataset(), tmp_path / "d")
+    poses = pq.ParquetFile(root / part("poses")).read().to_pylist()
+    agents = {row["agent"] for row in poses if row["role"] == role}
+    for table in [name.split("/")[0] for name in files(root)]:
+        path = part(table)
+        if TABLES[table].framed:
+            rewrite(root, path, lambda rows: without_agents(rows, agents))
+    rewrite(root, part("frames"), lambda rows: replace_column(rows, column, lambda values: [0] * len(values)))
+    (found,) = [one.text for one in check(root, 1) if one.path == part("frames")]
+    assert found == f"{column} of frame 0 is 0; the scenario has {count}"
+
+
+def without_agents(rows: pa.Table, agents: set[str]) -> pa.Table:
+    for key in {"agent", "peer"} & set(rows.column_names):
+        rows = rows.filter(pa.array([value not in agents for value in rows.column(key).to_pylist()], pa.bool_()))
+    return rows
+
+
 @pytest.mark.parametrize(
     ("damages", "least"),
     [
         pytest.param(on_bytes, 150, marks=pytest.mark.slow),
         pytest.param(on_rows, 130, marks=pytest.mark.slow),
+        pytest.param(on_identity, 25, marks=pytest.mark.slow),
         (on_markers, 25),
     ],
 )
