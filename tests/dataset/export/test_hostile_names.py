@@ -31,7 +31,16 @@ NAMES = {
     "lines": "a\nmmw: all is well\x1b[2J",
     "backslash": "..\\..\\x",
 }
-OPTIONS = {"deepmimo": ["scene=off"], "kitti": ["rate=50"], "nuscenes": ["rate=50", "sweeps=50"], "opv2v": ["rate=50"]}
+SLOW = ("up", "empty", "nul", "long", "backslash")
+"""Names that `test_one_function_says_it` checks alone where slow tests are left out."""
+OPTIONS = {
+    "deepmimo": ["scene=off", "frames=0:1"],
+    "huggingface": ["frames=0:1"],
+    "kitti": ["rate=50"],
+    "nuscenes": ["rate=50", "sweeps=50"],
+    "opv2v": ["rate=50"],
+    "v1": ["frames=0:1"],
+}
 OLD = {
     "agent": "cav_1",
     "peer": "cav_1",
@@ -50,7 +59,8 @@ def rename(root: Path, kind: str, new: str) -> None:
     )
     for file in sorted(root.glob("*/**/part-*.parquet")):
         rows = pq.ParquetFile(file).read()
-        for name in set(columns) & set(rows.column_names):
+        named = [field.name for field in rows.schema if pa.types.is_dictionary(field.type)]
+        for name in set(columns) & set(named):
             texts = [new if text == OLD[kind] else text for text in rows.column(name).to_pylist()]
             field = rows.schema.field(name)
             rows = rows.set_column(rows.column_names.index(name), field, pa.array(texts, pa.string()).cast(field.type))
@@ -86,7 +96,7 @@ def place(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["agent", "sensor", "scenario", "weather"])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=pytest.mark.slow if name in SLOW else ()) for name in NAMES])
 def test_no_export_writes_outside(place: Path, kind: str, name: str, capsys: pytest.CaptureFixture) -> None:
     if kind in ("scenario", "weather") and name in ("empty", "long", "nul"):
         pytest.skip("no folder can have this name, and the folder's counts")
@@ -121,10 +131,13 @@ def test_the_town_of_the_configuration_names_a_folder(place: Path, town: str, ca
     assert code in (0, 2) and "internal error" not in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("kind", ["agent", "sensor", "scenario", "weather", "category"])
-@pytest.mark.parametrize("name", ["parents", "markup", "lines"])
-def test_reports_and_views(place: Path, kind: str, name: str, capsys: pytest.CaptureFixture) -> None:
-    rename(place / "d", kind, NAMES[name])
+@pytest.mark.parametrize("kinds", [("agent", "sensor", "category"), ("scenario", "weather")], ids=["rows", "folders"])
+@pytest.mark.parametrize(
+    "name", ["markup", *(pytest.param(name, marks=pytest.mark.slow) for name in ("parents", "lines"))]
+)
+def test_reports_and_views(place: Path, kinds: tuple[str, ...], name: str, capsys: pytest.CaptureFixture) -> None:
+    for kind in kinds:
+        rename(place / "d", kind, NAMES[name])
     report, view = place / "deep" / "er" / "out.html", place / "deep" / "er" / "out.rrd"
     for words in (["report", str(place / "d"), "--out", str(report)],
                   ["view", str(place / "d"), "--save", str(view), "--no-town"]):  # fmt: skip
