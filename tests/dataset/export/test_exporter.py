@@ -138,7 +138,7 @@ def test_task_names_are_file_names(root: Path, tmp_path: Path, monkeypatch: pyte
 def test_options_and_rates() -> None:
     form = Recorder().format
     assert checked_options(form, {}) == {"size": "small"}
-    with pytest.raises(ValueError, match="option 'color' is not known; the options are size"):
+    with pytest.raises(ValueError, match="option 'colour' is not known; the options are size"):
         checked_options(form, {"colour": "red"})
     with pytest.raises(ValueError, match="size=huge: is not known; give one of small, large"):
         checked_options(form, {"size": "huge"})
@@ -209,7 +209,7 @@ def test_command_exports(root: Path, tmp_path: Path, toy: Recorder, capsys: pyte
         (["kitti", "ROOT", "OUT", "frames=5:9:0"], "holds no frame"),
         (["kitti", "ROOT", "OUT", "sunny"], "'sunny': name=value is needed"),
         (["kitti", "ROOT", "OUT", "weather=snow"], "weather=snow: "),
-        (["kitti", "ROOT", "OUT", "colour=red"], "option 'color' is not known; the options are rate"),
+        (["kitti", "ROOT", "OUT", "colour=red"], "option 'colour' is not known; the options are rate"),
         (["kitti", "ROOT"], "FORMAT, ROOT and OUT are needed"),
         (["kitti", "NO_RGB", "OUT"], "has no table 'rgb', which kitti needs"),
         (["opv2v", "NO_RGB", "OUT"], "has no table 'rgb', which opv2v needs; record RGB cameras, or give images=none"),

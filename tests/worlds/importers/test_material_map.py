@@ -65,7 +65,7 @@ def test_paths_and_names_all_match_and_what_matches_nothing_is_reported() -> Non
     text = '{"/Model/ground": {radio: itu_brick}, "ston?": {radio: itu_brick}, "Gray*": {radio: itu_brick}}'
     found = apply_material_map("file", MIXED, entries(text))
     assert found.materials["grey"].radio == RadioMaterial("itu", itu="itu_brick")
-    assert [note.split(" of ")[0] for note in found.notes] == ["'ston?'", "'Grey*'"]
+    assert [note.split(" of ")[0] for note in found.notes] == ["'ston?'", "'Gray*'"]
 
 
 def test_slabs_and_constants_over_what_the_source_says() -> None:
