@@ -40,8 +40,18 @@ def parse_yaml(text: str) -> Any:
     """
     if len(text) > MAX_LENGTH:
         raise yaml.MarkedYAMLError(problem=f"the text has {len(text):,} characters; at most {MAX_LENGTH:,} are read")
+    if not _is_unicode(text):  # an argument of the command line may hold any bytes
+        raise yaml.MarkedYAMLError(problem=f"the text {short(text)} is no UTF-8")
     _check_size(text)  # the loader itself recurses in C, and repeats what an alias names
     return yaml.load(text, Loader=Loader)
+
+
+def _is_unicode(text: str) -> bool:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def short(value: object, width: int = 60) -> str:

@@ -82,6 +82,7 @@ def test_within_the_limits_aliases_are_values() -> None:
         ("frames.count=!!int abc", "is no whole number"),
         ("frames.count=" + "9" * 100_000, "at most 400"),
         ("a" + ".a" * 3_000 + "=1", "has 3001 parts; at most 100"),
+        ("frames.count=\udcff", "is no UTF-8"),
         ("scenarios.²=1", "is a list of 1"),
         ("scenarios." + "9" * 5_000 + ".name=a", "is a list of 1"),
     ],
