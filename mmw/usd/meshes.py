@@ -17,6 +17,9 @@ from mmw.usd.triangulate import Polygons, Triangles, cut_meshes
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
 
+MAX_USES = 1_000_000
+"""Meshes that the point instancers of a stage may place; design value, a town has thousands."""
+
 _RADIO = "radio"
 """Purpose of a material binding that counts before the one for all purposes."""
 
@@ -40,6 +43,8 @@ class MeshReader:
     stage: Usd.Stage
     time: Usd.TimeCode
     """Time at which static parts are read."""
+    uses: int = 0
+    """Meshes that point instancers place, as far as they were yielded."""
     keeps_flat: bool = False
     """Keep triangles without area, for checks that count them."""
     _triangles: dict[str, Triangles] = field(default_factory=dict)
@@ -75,6 +80,16 @@ class MeshReader:
             return
         mask = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
         meshes = [self._prototype_meshes(root) for root in roots]
+        if not len(index) == len(places) == len(mask) or not 0 <= min(index) <= max(index) < len(meshes):
+            raise InputError(
+                f"{prim.GetPath()}: {len(index)} protoIndices from {min(index)} to {max(index)}, {len(places)} "
+                f"positions and {len(meshes)} prototypes do not fit; repair the instancer"
+            )
+        self.uses += len(index) * max(map(len, meshes))
+        if self.uses > MAX_USES:
+            raise InputError(
+                f"{prim.GetPath()}: places over {MAX_USES:,} meshes; each is traced; place fewer, or merge them"
+            )
         for k, place, is_shown in zip(index, places, mask, strict=True):
             if is_shown:
                 for mesh, to_root in meshes[k]:

@@ -38,6 +38,11 @@ class Result:
     longest_s: float = 0.0
     faults: list["Fault"] = field(default_factory=list)
 
+    def add(self, fault: "Fault") -> None:
+        """Keep a fault, and tell of it at once: a run may take hours."""
+        self.faults.append(fault)
+        print(f"{fault.kind} {fault.number}: {fault.signature}", file=sys.stderr, flush=True)
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -95,7 +100,7 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
                     result.steps += "cpu_s" in message
                     result.longest_s = max(result.longest_s, message.get("cpu_s", 0.0))
                     if "fault" in message:
-                        result.faults.append(Fault(result.kind, result.seed, number, step, message["fault"]))
+                        result.add(Fault(result.kind, result.seed, number, step, message["fault"]))
                     if "done" in message:
                         result.cases += 1
                         number += 1
@@ -103,7 +108,7 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
             if is_ready and (used > CPU_S or waited > WALL_S):
                 process.send_signal(signal.SIGUSR1)  # it writes its stack
                 time.sleep(1.0)
-                result.faults.append(_ended(result, folder, number, step, f"took {used:.0f} s of CPU, {waited:.0f} s"))
+                result.add(_ended(result, folder, number, step, f"took {used:.0f} s of CPU, {waited:.0f} s"))
                 result.cases += 1
                 return number + 1
             if not is_ready and waited > START_S:
@@ -122,7 +127,7 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
     if not is_ready:
         raise RuntimeError(f"{result.kind}: the worker ended with {code}: {_tail(folder / 'output.txt')}")
     what = f"the process died ({code}): {_tail(folder / 'output.txt')}"
-    result.faults.append(_ended(result, folder, number, step, what))
+    result.add(_ended(result, folder, number, step, what))
     result.cases += 1
     return number + 1
 

@@ -137,7 +137,7 @@ def _hostile(rng: random.Random, value: object) -> object:
         if kind < 0.2:
             return type(value)([])
         if kind < 0.35:
-            return type(value)(items * rng.choice((2, 100, 20_000)))
+            return type(value)(items * rng.choice((2, 100, 2_000)))
         if kind < 0.5 and items:
             return type(value)(items[:-1])
         if items:
