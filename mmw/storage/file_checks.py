@@ -99,7 +99,7 @@ def version_number(text: str) -> tuple[int, int]:
         InputError: If the text is not a version.
     """
     major, dot, minor = str(text).partition(".")
-    if not (dot and major.isdigit() and minor.isdigit()):
+    if not (dot and major.isdecimal() and minor.isdecimal() and len(text) < 20):
         raise InputError(f"schema version {text!r} is not MAJOR.MINOR; the file is damaged or of another program")
     return int(major), int(minor)
 
@@ -143,23 +143,25 @@ def _check_content(parquet: pq.ParquetFile, file: dict, marker: dict) -> Iterato
     if parquet.metadata.num_rows != file["rows"]:
         yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; the marker has {file['rows']}")
     meta = parquet.metadata.metadata or {}
-    written = meta.get(ROWS.encode(), b"").decode()
+    written = meta.get(ROWS.encode(), b"").decode(errors="replace")
     if written and written != str(parquet.metadata.num_rows):
         yield Finding("rows", name, f"{parquet.metadata.num_rows} rows; {written} were written; it was changed since")
     if table not in TABLES:
         yield Finding("schema", name, f"table {table!r} is not known to this mmw (schema {SCHEMA_VERSION})")
         return
-    version = meta.get(b"mmw.schema_version", b"none").decode()
+    version = meta.get(b"mmw.schema_version", b"none").decode(errors="replace")
     yield from _check_version(name, version)
     own, found = arrow_schema(table), parquet.schema_arrow
     if version == SCHEMA_VERSION:
         if not found.equals(own):
             yield Finding("schema", name, f"columns are not those of table {table!r}")
+    elif len({*found.names}) < len(found.names):
+        yield Finding("schema", name, "has two columns of one name")
     elif any(field.name not in own.names or not own.field(field.name).equals(field) for field in found):
         yield Finding("schema", name, f"columns of schema {version} are not among those of table {table!r}")
     spec = table_spec(table)
     fixed = {"scenario": marker["scenario"], **({"weather": marker["weather"]} if spec.framed else {})}
-    if not set(found.names) >= {*spec.key, *fixed}:
+    if any(found.names.count(key) != 1 or found.field(key).type != own.field(key).type for key in (*spec.key, *fixed)):
         return  # the schema was found wrong already
     yield from _check_values(parquet, name)
     rows = parquet.read(columns=[*fixed, *spec.key])

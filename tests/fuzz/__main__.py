@@ -21,17 +21,18 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
     parser.add_argument("--out", type=Path, help="folder for faulty inputs; a new temporary one by default")
     arguments = parser.parse_args()
+    kinds = arguments.kind or list(KINDS)
     size = max(1, min(250, -(-arguments.count // arguments.jobs)))
     stop = arguments.first + arguments.count
     jobs = [
         (kind, arguments.seed, first, min(size, stop - first))
-        for kind in arguments.kind or KINDS
+        for kind in kinds
         for first in range(arguments.first, stop, size)
     ]
     with ThreadPoolExecutor(arguments.jobs) as pool:
         results = list(pool.map(lambda job: run(*job), jobs))
     groups: dict[tuple[str, str], list[Fault]] = defaultdict(list)
-    for kind in arguments.kind or KINDS:
+    for kind in kinds:
         found = [result for result in results if result.kind == kind]
         faults = [fault for result in found for fault in result.faults]
         inputs, steps = sum(r.cases for r in found), sum(r.steps for r in found)

@@ -17,6 +17,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tests.fuzz.kinds import make_kind
+
 if TYPE_CHECKING:
     from tests.fuzz.cases import Kind
 
@@ -152,9 +154,7 @@ def _cpu(pid: int) -> float:
 @functools.cache
 def _prepared(name: str, folder: Path) -> "Kind":
     """Return a kind with its sound files beside the faulty ones."""
-    from tests.fuzz.kinds import KINDS
-
-    kind, sound = KINDS[name](), folder / f"sound-{name}"
+    kind, sound = make_kind(name), folder / f"sound-{name}"
     shutil.rmtree(sound, ignore_errors=True)
     sound.mkdir(parents=True)
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -164,7 +164,7 @@ def _prepared(name: str, folder: Path) -> "Kind":
 
 def save(fault: Fault, folder: Path) -> Path:
     """Make the input of a fault again, in a folder of its own, with a text on how to repeat it; return the folder."""
-    place = folder / f"{fault.kind}-{fault.seed}-{fault.number}"
+    place = folder / f"{fault.kind}-{fault.seed}" / f"case-{fault.number}"
     if place.exists():
         return place
     kind = _prepared(fault.kind, folder)

@@ -26,13 +26,16 @@ def work(kind_name: str, seed: int, folder: Path, numbers: list[int]) -> None:
     faulthandler.register(signal.SIGUSR1, trace)
     os.environ["MMW_LOG_DIR"] = str(folder / "logs")
     from tests.fuzz.cases import run_step
-    from tests.fuzz.kinds import KINDS
+    from tests.fuzz.kinds import make_kind
 
-    kind = KINDS[kind_name]()
+    kind = make_kind(kind_name)
     kind.prepare(folder / "sound")
     print(json.dumps({"ready": os.getpid()}), file=report)
     limit_memory()
+    runner = os.getppid()
     for number in numbers:
+        if os.getppid() != runner:  # it was killed, and nobody would stop a case that hangs
+            return
         place = folder / f"case-{number}"
         place.mkdir()
         os.chdir(place)
