@@ -74,6 +74,8 @@ def damage_of(root: PurePath, table: str, filesystem: pafs.FileSystem | None, er
         return found
     for is_whole in (False, True):
         for path in paths:
+            if filesystem is None and Path(path).exists() and not Path(path).is_file():
+                return InputError(f"{path}: is no file but a folder, a pipe or a device; remove it")
             try:
                 with place.open_input_file(path) as file, pq.ParquetFile(file) as parquet:
                     missing = [name for name in key if name not in parquet.schema_arrow.names]

@@ -17,8 +17,11 @@ from mmw.usd.triangulate import Polygons, Triangles, cut_meshes
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
 
-MAX_USES = 1_000_000
+MAX_USES = 200_000
 """Meshes that the point instancers of a stage may place; design value, a town has thousands."""
+
+MAX_NUMBER_M = 1e12
+"""Largest coordinate [m]: float32 overflows in products beyond it."""
 
 _RADIO = "radio"
 """Purpose of a material binding that counts before the one for all purposes."""
@@ -73,18 +76,23 @@ class MeshReader:
         prim = instancer.GetPrim()
         roots = [self.stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
         index = instancer.GetProtoIndicesAttr().Get(self.time)
+        if not index or not all(roots):
+            return
+        if not 0 <= min(index) <= max(index) < len(roots):
+            raise InputError(
+                f"{prim.GetPath()}: protoIndices from {min(index)} to {max(index)}, of {len(roots)} prototypes; repair the "
+                "instancer"
+            )
         places = instancer.ComputeInstanceTransformsAtTime(
             self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
         )
-        if not index or not places or not all(roots):
-            return
         mask = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
-        meshes = [self._prototype_meshes(root) for root in roots]
-        if not len(index) == len(places) == len(mask) or not 0 <= min(index) <= max(index) < len(meshes):
+        if not len(index) == len(places) == len(mask):
             raise InputError(
-                f"{prim.GetPath()}: {len(index)} protoIndices from {min(index)} to {max(index)}, {len(places)} "
-                f"positions and {len(meshes)} prototypes do not fit; repair the instancer"
+                f"{prim.GetPath()}: {len(index)} protoIndices, but not as many positions, orientations and scales; repair "
+                "the instancer"
             )
+        meshes = [self._prototype_meshes(root) for root in roots]
         self.uses += len(index) * max(map(len, meshes))
         if self.uses > MAX_USES:
             raise InputError(
@@ -245,6 +253,15 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
     matrix = np.eye(4)
     matrix[:3, :3] = turn * UsdGeom.GetStageMetersPerUnit(stage)
     return matrix
+
+
+def check_placed(where: object, points: np.ndarray) -> None:
+    """Raise InputError for a mesh with a point [N, 3] that is not finite or beyond `MAX_NUMBER_M` once it is placed."""
+    if len(points) and not np.abs(points).max() <= MAX_NUMBER_M:  # NaN too
+        raise InputError(
+            f"{where}: its transforms place a point at no number, or beyond {MAX_NUMBER_M:g} m; correct them, or the unit "
+            "of the stage"
+        )
 
 
 def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

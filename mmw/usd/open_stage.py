@@ -46,7 +46,10 @@ def usd_errors(path: Path) -> Iterator[None]:
         yield
     except Tf.ErrorException as error:
         text = str(error)
-        reason = text.strip().splitlines()[-1].strip() if text.strip() else "no reason is given"
+        reasons = (
+            re.findall(r" : '(.*)'\s*$", text, re.MULTILINE) or text.strip().splitlines() or ["no reason is given"]
+        )
+        reason = " ".join(reasons[0].split())  # the others follow from it
         prim = re.search(r"</[^>\n]*>", text)
         where = f"{path}: {prim[0][1:-1]}" if prim else str(path)
         raise InputError(f"{where}: USD cannot read it ({reason[:300]}); give an intact USD file") from None

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from tests.fuzz.cases import Kind
 
 ROOT = Path(__file__).parents[2]
-CPU_S, WALL_S = 20.0, 240.0
-"""Time that a step may take: of its process, and by the clock of a loaded machine [s]."""
-START_S = 300.0
+CPU_S, IDLE_S = 20.0, 120.0
+"""CPU time that a step may take, and time in which it must use some, however loaded the machine is [s]."""
+START_S = 900.0
 """Time until a process has its sound files [s]."""
 
 
@@ -85,6 +85,7 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
     )  # fmt: skip
     assert process.stdout is not None
     step, buffer, chunk, since, cpu, is_ready = "", b"", b"-", time.monotonic(), 0.0, False
+    seen, idle_since = 0.0, since
     try:
         while True:
             if select.select([process.stdout], [], [], 0.5)[0]:
@@ -95,7 +96,8 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
                 *lines, buffer = buffer.split(b"\n")
                 for line in lines:
                     message = json.loads(line)
-                    since, cpu = time.monotonic(), _cpu(process.pid)
+                    since = idle_since = time.monotonic()
+                    cpu, seen = _cpu(process.pid), 0.0
                     is_ready |= "ready" in message
                     number = message.get("case", number)
                     step = message.get("step", step)
@@ -107,7 +109,9 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
                         result.cases += 1
                         number += 1
             used, waited = _cpu(process.pid) - cpu, time.monotonic() - since
-            if is_ready and (used > CPU_S or waited > WALL_S):
+            if used > seen + 0.1:
+                seen, idle_since = used, time.monotonic()
+            if is_ready and (used > CPU_S or time.monotonic() - idle_since > IDLE_S):
                 process.send_signal(signal.SIGUSR1)  # it writes its stack
                 time.sleep(1.0)
                 result.add(_ended(result, folder, number, step, f"took {used:.0f} s of CPU, {waited:.0f} s"))

@@ -184,7 +184,7 @@ def _cycle(rng: random.Random) -> str:
 
 
 def _many(rng: random.Random) -> str:
-    count = rng.choice((1_000, 100_000))
+    count = rng.choice((1_000, 300_000))
     return (
         '#usda 1.0\n(upAxis = "Z"\n metersPerUnit = 1)\ndef Mesh "M" {\n int[] faceVertexCounts = [3]\n'
         " int[] faceVertexIndices = [0, 1, 2]\n point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n}\n"

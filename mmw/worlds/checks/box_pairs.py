@@ -9,7 +9,7 @@ import warp as wp
 from mmw.core.errors import InputError
 from mmw.kernels.core.box_pairs import pairs_kernel
 
-CHUNK = 20_000_000
+CHUNK = 2_000_000
 """Pairs that are looked at together; bounds the memory."""
 
 MAX_PAIRS = 100_000_000

@@ -197,9 +197,12 @@ def test_broken_files(tmp_path: Path, name: str, content: bytes) -> None:
         read_usd(tmp_path / "nowhere.usda")
 
 
-FLAT = 'def Mesh "L0" { int[] faceVertexCounts = [3] }\n'
+FLAT = (
+    'def Mesh "L0" {\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n'
+    "point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n}\n"
+)
 TENFOLD = FLAT + "".join(
-    f'def "L{k}" {{ {"".join(f"def {chr(34)}c{n}{chr(34)} (references = </L{k - 1}>) {{}} " for n in range(10))} }}\n'
+    f'def "L{k}" {{\n' + "".join(f'def "c{n}" (references = </L{k - 1}>) {{}}\n' for n in range(10)) + "}\n"
     for k in range(1, 9)
 )
 
@@ -207,22 +210,20 @@ TENFOLD = FLAT + "".join(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ('def "a" {' * 100_000 + "}" * 100_000, r"a\.usda:1: nested more than 200 deep"),
-        ('def "a" { int[] b = ' + "[" * 100_000, r"a\.usda:1: nested more than 200 deep"),
+        ('def "a" {' * 100_000 + "}" * 100_000, r"a\.usda:2: nested more than 200 deep"),
+        ('def "a" { int[] b = ' + "[" * 100_000, r"a\.usda:2: nested more than 200 deep"),
         (TENFOLD, r"a\.usda: /L\d: would become over 2,000,000 prims"),
-        (TENFOLD.replace("references", "instanceable = true references"), "would become over 2,000,000 prims"),
+        (TENFOLD.replace("references", "instanceable = true\nreferences"), "would become over 2,000,000 prims"),
         ('def "A" (references = </B>) {}\ndef "B" (references = </A>) {}', "do not resolve"),
         ("(subLayers = [@./a.usda@])", "do not resolve"),
         (
-            FLAT.replace("[3]", "[-1, 4]").replace(
-                "}", "int[] faceVertexIndices = [0, 0, 0] point3f[] points = [(0, 0, 0)] }"
-            ),
+            FLAT.replace("[3]", "[-1, 4]"),
             "/L0: a face has -1 corners",
         ),
         (
-            FLAT + 'def PointInstancer "P" { rel prototypes = </L0>\nint[] protoIndices = [0, 9]\n'
-            "point3f[] positions = [(0, 0, 0), (1, 0, 0)] }",
-            "/P: 2 protoIndices from 0 to 9",
+            FLAT + 'def PointInstancer "P" {\nrel prototypes = </L0>\nint[] protoIndices = [0, 9]\n'
+            "point3f[] positions = [(0, 0, 0), (1, 0, 0)]\n}",
+            "/P: protoIndices from 0 to 9, of 1 prototypes",
         ),
     ],
     ids=lambda text: text[:20],
@@ -235,7 +236,7 @@ def test_stages_that_would_end_the_process_or_fill_the_memory(tmp_path: Path, te
 
 def test_brackets_in_strings_are_no_nesting(tmp_path: Path) -> None:
     (tmp_path / "a.usda").write_text(f'#usda 1.0\n(doc = "{"{" * 500}")\n{FLAT}# {"(" * 500}\n')
-    assert read_usd(tmp_path / "a.usda").parts == []
+    assert len(read_usd(tmp_path / "a.usda").parts) == 1
 
 
 def test_a_damaged_crate_is_named(tmp_path: Path) -> None:

@@ -335,7 +335,7 @@ def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
 def _mark(element: ElementTree.Element, start: float, where: str) -> Mark:
     kind = element.get("type", "none")
     known = {"solid", "broken"}
-    kind = kind if set(kind.split()) <= known else {"botts dots": "broken"}.get(kind, "none")
+    kind = kind if kind.split() and set(kind.split()) <= known else {"botts dots": "broken"}.get(kind, "none")
     bold = element.get("weight") == "bold"
     width = number(element, "width", where, 0.0, limits.PAINT) or (0.25 if bold else 0.12)
     line = element.find("type/line")
