@@ -80,8 +80,8 @@ class MeshReader:
             return
         if not 0 <= min(index) <= max(index) < len(roots):
             raise InputError(
-                f"{prim.GetPath()}: protoIndices from {min(index)} to {max(index)}, of {len(roots)} prototypes; repair the "
-                "instancer"
+                f"{prim.GetPath()}: protoIndices from {min(index)} to {max(index)}, of {len(roots)} prototypes; "
+                "repair the instancer"
             )
         places = instancer.ComputeInstanceTransformsAtTime(
             self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
@@ -89,8 +89,8 @@ class MeshReader:
         mask = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
         if not len(index) == len(places) == len(mask):
             raise InputError(
-                f"{prim.GetPath()}: {len(index)} protoIndices, but not as many positions, orientations and scales; repair "
-                "the instancer"
+                f"{prim.GetPath()}: {len(index)} protoIndices, but not as many positions, orientations and scales; "
+                "repair the instancer"
             )
         meshes = [self._prototype_meshes(root) for root in roots]
         self.uses += len(index) * max(map(len, meshes))
@@ -259,8 +259,8 @@ def check_placed(where: object, points: np.ndarray) -> None:
     """Raise InputError for a mesh with a point [N, 3] that is not finite or beyond `MAX_NUMBER_M` once it is placed."""
     if len(points) and not np.abs(points).max() <= MAX_NUMBER_M:  # NaN too
         raise InputError(
-            f"{where}: its transforms place a point at no number, or beyond {MAX_NUMBER_M:g} m; correct them, or the unit "
-            "of the stage"
+            f"{where}: its transforms place a point at no number, or beyond {MAX_NUMBER_M:g} m; correct them, or the "
+            "unit of the stage"
         )
 
 
