@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import EllipsisType
 
 import numpy as np
-from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
+from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade
 
 from mmw.core.errors import InputError
 from mmw.usd.builtin_shapes import SHAPES
@@ -75,7 +75,7 @@ class MeshReader:
         """Yield the meshes that a point instancer places."""
         prim = instancer.GetPrim()
         roots = [self.stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
-        index = instancer.GetProtoIndicesAttr().Get(self.time)
+        index = _integers(instancer.GetProtoIndicesAttr(), self.time).tolist()
         if not index or not all(roots):
             return
         if not 0 <= min(index) <= max(index) < len(roots):
@@ -197,13 +197,12 @@ class MeshReader:
                 f"{prim.GetPath()}: its points change over time; meshes are traced as rigid bodies; "
                 "remove the point animation or bake the mesh at one time"
             )
-        points = at.Get(self.time)
         return Polygons(
             str(prim.GetPath()),
-            np.zeros((0, 3)) if points is None else np.asarray(points).reshape(-1, 3),
-            _integers(prim.GetAttribute(names.faceVertexCounts).Get(self.time)),
-            _integers(corner.Get(self.time)),
-            _integers(prim.GetAttribute(names.holeIndices).Get()),
+            _numbers(at, self.time, 3).reshape(-1, 3),
+            _integers(prim.GetAttribute(names.faceVertexCounts), self.time),
+            _integers(corner, self.time),
+            _integers(prim.GetAttribute(names.holeIndices)),
             prim.GetAttribute(names.orientation).Get() == names.leftHanded,
         )
 
@@ -213,8 +212,24 @@ def _source(prim: Usd.Prim) -> str:
     return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
 
 
-def _integers(values: Vt.IntArray | None) -> np.ndarray:
-    return np.asarray([] if values is None else values, dtype=np.int64)
+def _integers(attribute: Usd.Attribute, time: Usd.TimeCode | None = None) -> np.ndarray:
+    return _numbers(attribute, Usd.TimeCode.Default() if time is None else time).astype(np.int64)
+
+
+def _numbers(attribute: Usd.Attribute, time: Usd.TimeCode, width: int = 1) -> np.ndarray:
+    """Return the numbers of an attribute, none where it has no value; a file may declare it of another type."""
+    value = attribute.Get(time)
+    if value is None:
+        return np.zeros(0)
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):
+        found = np.asarray("")
+    if found.dtype.kind not in "iuf" or found.shape[1:] != (width,) * (width > 1) or found.ndim == 0:
+        raise InputError(
+            f"{attribute.GetPath()}: is of type {attribute.GetTypeName()}; numbers are needed; repair the mesh"
+        )
+    return found
 
 
 def _is_geometry(prim: Usd.Prim) -> bool:
@@ -289,7 +304,7 @@ def bound_materials(
         return materials, index
     for subset in subsets:
         if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
-            inside = np.isin(polygon, _integers(subset.GetIndicesAttr().Get()))
+            inside = np.isin(polygon, _integers(subset.GetIndicesAttr()))
             index[inside] = len(materials)
             materials += materials_of([subset.GetPrim()])
     used, index = np.unique(index, return_inverse=True)

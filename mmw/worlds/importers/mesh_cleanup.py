@@ -1,5 +1,6 @@
 """Clean imported meshes: prim names, degenerate triangles, and a plausible size of the world."""
 
+import logging
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -11,6 +12,8 @@ from mmw.core.mesh import TriangleMesh, compact
 from mmw.worlds.importers.formats import UNITS
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.towns.mesh_part import MeshPart
+
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs traces of what it then raises
 
 MIN_SIZE_M, MAX_SIZE_M = 1.0, 20_000.0
 """A world smaller or larger than this [m] is assumed to have a wrong unit. Design values."""

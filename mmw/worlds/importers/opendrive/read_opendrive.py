@@ -114,6 +114,8 @@ def _names(document: Document) -> dict[str, str]:
 def _overlaps(outside: dict[str, Sheet]) -> list[str]:
     """Return a note if roads outside junctions lie on each other at one height."""
     keys = list(outside)
+    if len(keys) < 2:
+        return []
     outlines = [outside[key].outline for key in keys]
     found = []
     for i, j in np.asarray(shapely.STRtree(outlines).query(outlines, predicate="intersects")).T:
