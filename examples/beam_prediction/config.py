@@ -13,7 +13,8 @@ import yaml
 from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Section
-from mmw.config.yaml_file import ConfigError, Loader, read_yaml, validated
+from mmw.config.yaml_file import ConfigError, read_yaml, reason_of, validated
+from mmw.config.yaml_loader import parse_yaml
 from mmw.core.errors import InputError
 
 InputSet = Literal["index", "lidar", "camera", "all"]
@@ -176,7 +177,10 @@ def load_experiment(path: str | Path, overrides: Sequence[str] = ()) -> Experime
             here = here.setdefault(part, {}) if isinstance(here, dict) else None
         if not sign or not last or not isinstance(here, dict):
             raise ConfigError([f"override {item!r}: write it as section.key=value, such as training.epochs=2"])
-        here[last] = yaml.load(text, Loader=Loader)
+        try:
+            here[last] = parse_yaml(text)
+        except yaml.YAMLError as error:
+            raise ConfigError([f"override {item!r}: the value is not valid YAML ({reason_of(error)})"]) from None
     return validated(Experiment, data, Path(path))
 
 

@@ -1,6 +1,7 @@
 """Convert a scene of another tool to a town asset: `mmw import`."""
 
 import argparse
+import math
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -73,6 +74,10 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     pairs = [text.partition("=") for text in arguments.values]
     if wrong := [name for name, equals, value in pairs if not equals or not value]:
         raise InputError(f"import: {wrong[0]!r}: name=value is needed; write OPTION=VALUE")
+    if arguments.origin and not all(map(math.isfinite, arguments.origin)):
+        raise InputError(
+            f"import: --origin {' '.join(map(str, arguments.origin))}: finite numbers are needed; give three"
+        )
     name = identifier(source.name.split(".")[0])
     if source.resolve() in asset_files(arguments.out, name):
         raise InputError(f"{source}: --out would replace the file that is imported; give another --out")

@@ -83,7 +83,7 @@ def _run(arguments: argparse.Namespace) -> None:
         "compute.engine": arguments.engine,
         "compute.device": arguments.device,
         "compute.batch_frames": arguments.batch_frames,
-        "compute.workers": int(workers) if workers is not None and workers.isdecimal() else workers,
+        "compute.workers": _whole_number(workers),
     }
     path = config_path(arguments.config)
     given = {key: value for key, value in options.items() if value is not None}
@@ -93,6 +93,11 @@ def _run(arguments: argparse.Namespace) -> None:
     else:
         how = {name: getattr(arguments, name) for name in ("dry_run", "overwrite", "shard", "accept")}
         execute(config, path, **how)
+
+
+def _whole_number(text: str | None) -> int | str | None:
+    """Return text as a number if it is one; other text is for the configuration to refuse."""
+    return int(text) if text is not None and text.isdecimal() and len(text) < 10 else text
 
 
 def execute(

@@ -12,7 +12,8 @@ from mmw.config.model import Config
 from mmw.config.overrides import set_value
 from mmw.config.sensors import add_sensor_schemas
 from mmw.config.shipped import config_path
-from mmw.config.yaml_file import ConfigError, Loader, read_yaml, reason_of, validated
+from mmw.config.yaml_file import ConfigError, read_yaml, reason_of, validated
+from mmw.config.yaml_loader import parse_yaml, short
 from mmw.core.errors import InputError
 
 _NEEDED = "a mapping with the key `scenarios`"
@@ -30,16 +31,17 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
         data = include_scenarios(data, path, _read)
     for item in overrides:
         key, sign, text = item.partition("=")
+        where = f"override {short(item, 120)}"
         if not sign or not key:
-            raise ConfigError([f"override {item!r}: write it as key=value, for example frames.count=10"])
+            raise ConfigError([f"{where}: write it as key=value, for example frames.count=10"])
         try:
-            value = yaml.load(text, Loader=Loader)
-        except (yaml.YAMLError, ValueError) as error:  # ValueError: `!!int` before something else
+            value = parse_yaml(text)
+        except yaml.YAMLError as error:
             reason = reason_of(error)
             raise ConfigError(
-                [f"override {item!r}: the value is not valid YAML ({reason}); quote it, or close its brackets"]
+                [f"{where}: the value is not valid YAML ({reason}); quote it, or close its brackets"]
             ) from None
-        with _located(f"override {item!r}"):
+        with _located(where):
             set_value(data, key, value)
     for key, value in (patch or {}).items():
         with _located(f"option for {key}"):

@@ -8,6 +8,7 @@ from pydantic_core import PydanticUndefined, to_jsonable_python
 
 from mmw.config.model import Config
 from mmw.config.validation_errors import models_in, tag_of
+from mmw.config.yaml_loader import MAX_DEPTH, short
 from mmw.core.errors import InputError
 
 EVERY = "*"
@@ -25,6 +26,8 @@ def set_value(data: dict[str, Any], key: str, value: Any) -> None:
         InputError: If the key does not lead anywhere.
     """
     parts = key.split(".")
+    if len(parts) > MAX_DEPTH:
+        raise InputError(f"the key has {len(parts)} parts; at most {MAX_DEPTH} are read; shorten it")
     if not all(parts):
         raise InputError("a part of the key is empty; write it as section.key=value, for example frames.count=10")
     _set(data, parts, 0, [Config], value)
@@ -55,10 +58,10 @@ def _places(container: Any, part: str, where: str, models: list[type[BaseModel]]
     if isinstance(container, dict):
         return [part]
     if not isinstance(container, list):
-        raise InputError(f"{where} = {container!r} has no keys below it; check the key")
+        raise InputError(f"{where} = {short(container)} has no keys below it; check the key")
     if part == EVERY and container:
         return list(range(len(container)))
-    if part.isdigit() and int(part) < len(container):
+    if part.isdecimal() and len(part) < 10 and int(part) < len(container):
         return [int(part)]
     names = [_name(item, models) for item in container]
     if names.count(part) == 1:

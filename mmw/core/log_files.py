@@ -38,7 +38,7 @@ def logging_to_file(command: str, *, debug: bool) -> Iterator[Path | None]:
     """
     level, handlers, path = ROOT.level, [], _new_file(command)
     if path is not None:
-        handlers.append(logging.FileHandler(path, encoding="utf-8"))
+        handlers.append(logging.FileHandler(path, encoding="utf-8", errors="backslashreplace"))
     if debug:
         handlers.append(logging.StreamHandler(sys.stderr))
     for handler in handlers:

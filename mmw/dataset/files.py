@@ -123,6 +123,8 @@ def damage_of(
     place = filesystem or pafs.LocalFileSystem()
     for is_whole in (False, True):
         for path in paths:
+            if filesystem is None and Path(path).exists() and not Path(path).is_file():
+                return InputError(f"{path}: is no file but a folder, a pipe or a device; remove it")
             try:
                 with place.open_input_file(path) as file, pq.ParquetFile(file) as parquet:
                     problem = schema_problem(parquet.schema_arrow, spec)

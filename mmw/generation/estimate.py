@@ -5,8 +5,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from pxr import Usd
-
 from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig
 from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
@@ -17,6 +15,7 @@ from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
 from mmw.usd.actors import find_actors
 from mmw.usd.material_entries import unknown_names
+from mmw.usd.open_stage import open_stage, usd_errors
 
 PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03."""
@@ -94,8 +93,10 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
         InputError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     traffic = scenario.traffic
-    stage = Usd.Stage.Open(str(scenario_source(scenario, base)))
-    roles = [actor.role for actor in find_actors(stage, {} if traffic else scenario.actor_roles)]
+    source = scenario_source(scenario, base)
+    stage = open_stage(source)
+    with usd_errors(source):
+        roles = [actor.role for actor in find_actors(stage, {} if traffic else scenario.actor_roles)]
     boxes, rsus = len(roles) - roles.count("rsu"), roles.count("rsu") + len(scenario.rsus)
     if traffic is None:
         return {"cav": roles.count("cav"), "rsu": rsus, "vehicles": boxes - roles.count("pedestrian"), "boxes": boxes}

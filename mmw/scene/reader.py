@@ -16,7 +16,7 @@ from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
 from mmw.usd.material_entries import MaterialMap
 from mmw.usd.materials import read_materials
 from mmw.usd.meshes import MeshReader, to_metres
-from mmw.usd.open_stage import check_references, open_stage
+from mmw.usd.open_stage import check_references, open_stage, reads_usd
 from mmw.usd.scene_parts import Part, PartReader
 from mmw.usd.semantics import CARLA_TAG
 
@@ -27,6 +27,7 @@ WEATHER = "weather"
 Triple = tuple[float, float, float]
 
 
+@reads_usd
 def read_stage(
     path: str | Path,
     frames: range,

@@ -8,7 +8,7 @@ from mmw.config import ScenarioConfig
 from mmw.config.scenario import TOWN_SUFFIXES
 from mmw.core.errors import InputError
 from mmw.core.resources import town_path
-from mmw.usd.open_stage import open_stage
+from mmw.usd.open_stage import open_stage, reads_usd
 
 
 def scenario_source(scenario: ScenarioConfig, base: Path) -> Path:
@@ -54,6 +54,7 @@ def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
     return _existing(scenario, base, "traffic.trajectories", value, "a .parquet, .csv or .xml table")
 
 
+@reads_usd
 def weather_variants(source: Path) -> list[str]:
     """Return the weather variants of a town or stage; none if its default prim has no such variant set.
 

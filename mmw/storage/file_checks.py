@@ -113,7 +113,7 @@ def version_number(text: str) -> tuple[int, int]:
         InputError: If the text is not a version.
     """
     major, dot, minor = str(text).partition(".")
-    if not (dot and major.isdigit() and minor.isdigit()):
+    if not (dot and major.isdecimal() and minor.isdecimal() and len(text) < 20):
         raise InputError(f"schema version {text!r} is not MAJOR.MINOR; the file is damaged or of another program")
     return int(major), int(minor)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import EllipsisType
 
 import numpy as np
-from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade, Vt
+from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade
 
 from mmw.core.errors import InputError
 from mmw.usd.builtin_shapes import SHAPES
@@ -16,6 +16,12 @@ from mmw.usd.triangulate import Polygons, Triangles, cut_meshes
 
 SKIPPED_PURPOSES = (UsdGeom.Tokens.proxy, UsdGeom.Tokens.guide)
 """Purposes that are no geometry of the world: stand-ins and construction aids."""
+
+MAX_USES = 200_000
+"""Meshes that the point instancers of a stage may place; design value, a town has thousands."""
+
+MAX_NUMBER_M = 1e12
+"""Largest coordinate [m]: float32 overflows in products beyond it."""
 
 _RADIO = "radio"
 """Purpose of a material binding that counts before the one for all purposes."""
@@ -40,6 +46,8 @@ class MeshReader:
     stage: Usd.Stage
     time: Usd.TimeCode
     """Time at which static parts are read."""
+    uses: int = 0
+    """Meshes that point instancers place, as far as they were yielded."""
     keeps_flat: bool = False
     """Keep triangles without area, for checks that count them."""
     _triangles: dict[str, Triangles] = field(default_factory=dict)
@@ -67,14 +75,29 @@ class MeshReader:
         """Yield the meshes that a point instancer places."""
         prim = instancer.GetPrim()
         roots = [self.stage.GetPrimAtPath(path) for path in instancer.GetPrototypesRel().GetForwardedTargets()]
-        index = instancer.GetProtoIndicesAttr().Get(self.time)
+        index = _integers(instancer.GetProtoIndicesAttr(), self.time).tolist()
+        if not index or not all(roots):
+            return
+        if not 0 <= min(index) <= max(index) < len(roots):
+            raise InputError(
+                f"{prim.GetPath()}: protoIndices from {min(index)} to {max(index)}, of {len(roots)} prototypes; "
+                "repair the instancer"
+            )
         places = instancer.ComputeInstanceTransformsAtTime(
             self.time, self.time, UsdGeom.PointInstancer.IncludeProtoXform, UsdGeom.PointInstancer.IgnoreMask
         )
-        if not index or not places or not all(roots):
-            return
         mask = instancer.ComputeMaskAtTime(self.time) or [True] * len(index)
+        if not len(index) == len(places) == len(mask):
+            raise InputError(
+                f"{prim.GetPath()}: {len(index)} protoIndices, but not as many positions, orientations and scales; "
+                "repair the instancer"
+            )
         meshes = [self._prototype_meshes(root) for root in roots]
+        self.uses += len(index) * max(map(len, meshes))
+        if self.uses > MAX_USES:
+            raise InputError(
+                f"{prim.GetPath()}: places over {MAX_USES:,} meshes; each is traced; place fewer, or merge them"
+            )
         for k, place, is_shown in zip(index, places, mask, strict=True):
             if is_shown:
                 for mesh, to_root in meshes[k]:
@@ -174,13 +197,12 @@ class MeshReader:
                 f"{prim.GetPath()}: its points change over time; meshes are traced as rigid bodies; "
                 "remove the point animation or bake the mesh at one time"
             )
-        points = at.Get(self.time)
         return Polygons(
             str(prim.GetPath()),
-            np.zeros((0, 3)) if points is None else np.asarray(points).reshape(-1, 3),
-            _integers(prim.GetAttribute(names.faceVertexCounts).Get(self.time)),
-            _integers(corner.Get(self.time)),
-            _integers(prim.GetAttribute(names.holeIndices).Get()),
+            _numbers(at, self.time, 3).reshape(-1, 3),
+            _integers(prim.GetAttribute(names.faceVertexCounts), self.time),
+            _integers(corner, self.time),
+            _integers(prim.GetAttribute(names.holeIndices)),
             prim.GetAttribute(names.orientation).Get() == names.leftHanded,
         )
 
@@ -190,8 +212,24 @@ def _source(prim: Usd.Prim) -> str:
     return str((prim.GetPrimInPrototype() if prim.IsInstanceProxy() else prim).GetPath())
 
 
-def _integers(values: Vt.IntArray | None) -> np.ndarray:
-    return np.asarray([] if values is None else values, dtype=np.int64)
+def _integers(attribute: Usd.Attribute, time: Usd.TimeCode | None = None) -> np.ndarray:
+    return _numbers(attribute, Usd.TimeCode.Default() if time is None else time).astype(np.int64)
+
+
+def _numbers(attribute: Usd.Attribute, time: Usd.TimeCode, width: int = 1) -> np.ndarray:
+    """Return the numbers of an attribute, none where it has no value; a file may declare it of another type."""
+    value = attribute.Get(time)
+    if value is None:
+        return np.zeros(0)
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):
+        found = np.asarray("")
+    if found.dtype.kind not in "iuf" or found.shape[1:] != (width,) * (width > 1) or found.ndim == 0:
+        raise InputError(
+            f"{attribute.GetPath()}: is of type {attribute.GetTypeName()}; numbers are needed; repair the mesh"
+        )
+    return found
 
 
 def _is_geometry(prim: Usd.Prim) -> bool:
@@ -232,6 +270,15 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
     return matrix
 
 
+def check_placed(where: object, points: np.ndarray) -> None:
+    """Raise InputError for a mesh with a point [N, 3] that is not finite or beyond `MAX_NUMBER_M` once it is placed."""
+    if len(points) and not np.abs(points).max() <= MAX_NUMBER_M:  # NaN too
+        raise InputError(
+            f"{where}: its transforms place a point at no number, or beyond {MAX_NUMBER_M:g} m; correct them, or the "
+            "unit of the stage"
+        )
+
+
 def place(triangles: Triangles, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return points and faces of a mesh in another space; a mirrored transform turns the faces over, as it must."""
     points = triangles.points @ matrix[:3, :3] + matrix[3, :3]
@@ -257,7 +304,7 @@ def bound_materials(
         return materials, index
     for subset in subsets:
         if subset.GetElementTypeAttr().Get() == UsdGeom.Tokens.face:
-            inside = np.isin(polygon, _integers(subset.GetIndicesAttr().Get()))
+            inside = np.isin(polygon, _integers(subset.GetIndicesAttr()))
             index[inside] = len(materials)
             materials += materials_of([subset.GetPrim()])
     used, index = np.unique(index, return_inverse=True)

@@ -8,7 +8,7 @@ from pxr import Sdf, Usd
 
 from mmw.usd.material_entries import MaterialMap, find_entry
 from mmw.usd.materials import Copies, MaterialUse, resolve_material
-from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, materials_of, place
+from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, check_placed, materials_of, place
 from mmw.usd.preview_surface import DEFAULT_PRIMVAR, texture_primvar
 from mmw.usd.primvars import NO_CORNERS, Corners, display_color, place_corners
 from mmw.usd.wheels import mesh_wheels
@@ -90,6 +90,8 @@ class PartReader:
             for prim, label, (materials, _), own, found in zip(prims, labels, bound, shading, raw, strict=True)
         ]
         placed = [place(cut, matrices[k]) for cut, k in zip(kept, rows, strict=True)]
+        for prim, (points, _) in zip(prims, placed, strict=True):
+            check_placed(prim.GetPath(), points)
         corners = [
             place_corners(self._corners(own, found, index), matrices[k])
             for own, found, (_, index), k in zip(names, raw, bound, rows, strict=True)

@@ -64,6 +64,7 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
     start = np.repeat(first_point[:-1], np.diff(first_corner))  # first point of the mesh of each corner
     end = np.repeat(first_point[1:], np.diff(first_corner))
     is_broken = np.diff(np.append(0, np.cumsum(counts))[first_polygon]) != np.diff(first_corner)
+    is_broken |= np.array([bool((mesh.counts < 0).any()) for mesh in meshes])
     is_outside = (indices < 0) | (indices >= end - start)
     if is_broken.any() or is_outside.any() or not np.isfinite(points).all():
         for mesh in meshes:
@@ -94,6 +95,8 @@ def cut_meshes(meshes: Sequence[Polygons], *, keeps_flat: bool = False) -> list[
 def _check(mesh: Polygons) -> None:
     """Raise the error of a mesh whose topology is broken, or of which a point is not finite."""
     indices, corner_count, point_count = mesh.indices, mesh.counts.sum(), len(mesh.points)
+    if (mesh.counts < 0).any():
+        raise InputError(f"{mesh.where}: a face has {mesh.counts.min()} corners; repair it in the tool that made it")
     if corner_count != len(indices) or (len(indices) and not 0 <= indices.min() <= indices.max() < point_count):
         raise InputError(
             f"{mesh.where}: {len(mesh.counts)} faces need {corner_count} corners, {len(indices)} are given, over "

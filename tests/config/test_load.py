@@ -11,7 +11,7 @@ import yaml
 from mmw.cli.run import main
 from mmw.config import Config, ConfigError, load_config
 from mmw.config.load import json_schema, to_yaml
-from mmw.config.yaml_file import Loader
+from mmw.config.yaml_loader import Loader
 from mmw.core.resources import configs_dir
 
 BASE = """

@@ -11,6 +11,7 @@ from mmw.core.transforms import pose_to_matrix
 from mmw.scene.stage.layer import define
 from mmw.usd.atomic_layers import save_layers
 from mmw.usd.meshes import to_metres
+from mmw.usd.open_stage import open_stage
 from mmw.usd.prim_specs import set_op_order, set_value
 
 ROOT = "/RSU"
@@ -36,7 +37,7 @@ def overlay_rsus(path: str | Path, source: str | Path, rsus: Sequence[tuple[str,
         OSError: If the file cannot be written.
     """
     path, source = Path(path).resolve(), Path(source).resolve()
-    stage = Usd.Stage.Open(str(source), Usd.Stage.LoadNone)
+    stage = open_stage(source, Usd.Stage.LoadNone)
     below = stage.GetRootLayer().pseudoRoot
     layer = Sdf.Layer.CreateAnonymous(path.name)
     for key in _COPIED:

@@ -12,7 +12,7 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import read_lanes
 from mmw.traffic.roads.sidewalk_prims import Sidewalk, read_sidewalks
 from mmw.usd.meshes import MeshReader, place, semantic_label, to_metres
-from mmw.usd.open_stage import open_stage
+from mmw.usd.open_stage import open_stage, reads_usd
 
 DRIVABLE_LABELS = ("road", "road_line")
 """Semantic classes of the meshes that vehicles drive on."""
@@ -32,6 +32,7 @@ class Town:
     sidewalks: tuple[Sidewalk, ...] = ()
 
 
+@reads_usd
 def open_town(path: str | Path) -> Town:
     """Read lanes and drivable surface of a town asset.
 

@@ -3,10 +3,14 @@
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mmw.dataset import Dataset
+
+if TYPE_CHECKING:
+    from pxr import Usd
 
 BUILDING = "building"
 """Semantic class of the meshes whose outlines are drawn."""
@@ -61,13 +65,19 @@ def read_town_plan(data: Dataset, scenario: str) -> TownPlan:
 @lru_cache(maxsize=8)
 def _read_stage(path: Path, changed_ns: int) -> TownPlan:
     """Read a stage once for each content that the file has had."""
+    from mmw.usd.open_stage import open_stage, usd_errors
+
+    with usd_errors(path):
+        return _plan_of(open_stage(path))
+
+
+def _plan_of(stage: "Usd.Stage") -> TownPlan:
+    """Return lanes and buildings of a stage."""
     from pxr import Usd, UsdGeom
 
     from mmw.traffic.roads.lane_prims import WIDTH, read_lanes
     from mmw.usd.meshes import MeshReader, semantic_label, to_metres
-    from mmw.usd.open_stage import open_stage
 
-    stage = open_stage(path)
     lines, widths = [], []
     for root in stage.GetPseudoRoot().GetChildren():
         if any(prim.IsA(UsdGeom.BasisCurves) and prim.HasAttribute(WIDTH) for prim in Usd.PrimRange(root)):

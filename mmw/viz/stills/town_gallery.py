@@ -11,7 +11,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.ray_casting import cast_rays
 from mmw.scene.reader import WEATHER, read_stage
 from mmw.traffic.roads.lane_graph import LaneGraph
-from mmw.usd.open_stage import open_stage
+from mmw.usd.open_stage import open_stage, reads_usd
 from mmw.viz.plots.lane_map import plot_lanes
 from mmw.viz.stills.image_files import save_jpeg
 from mmw.viz.stills.renderer import load_renderer, map_frame, street_camera
@@ -90,6 +90,7 @@ def draw_town(
     return files
 
 
+@reads_usd
 def selected_weather(path: Path) -> str:
     """Return the weather that a stage has selected, `sunny` for a stage without weathers.
 

@@ -6,10 +6,14 @@ from typing import Literal
 import numpy as np
 import warp as wp
 
+from mmw.core.errors import InputError
 from mmw.kernels.core.box_pairs import pairs_kernel
 
-CHUNK = 20_000_000
+CHUNK = 2_000_000
 """Pairs that are looked at together; bounds the memory."""
+
+MAX_PAIRS = 100_000_000
+"""Pairs that are looked at in all; design value, a shipped town has a few million."""
 
 Pairs = tuple[np.ndarray, np.ndarray]
 
@@ -55,6 +59,11 @@ def _begun_within(
     counts, none = (wp.empty(size, dtype=int, device="cpu") for size in (len(low_a), 0))
     wp.launch(pairs_kernel, len(low_a), [*given, 0, False], [counts, none, none], device="cpu")
     ends = np.cumsum(counts.numpy(), dtype=np.int64)
+    if len(ends) and ends[-1] > MAX_PAIRS:
+        raise InputError(
+            f"the stage: {ends[-1]:,} pairs of its faces overlap or touch; at most {MAX_PAIRS:,} are checked; remove "
+            "repeated faces and meshes"
+        )
     begin, done = 0, 0
     while begin < len(ends):
         end = max(int(np.searchsorted(ends, done + CHUNK, "right")), begin + 1)

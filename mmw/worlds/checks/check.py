@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mmw.core.resources import town_path
+from mmw.usd.open_stage import reads_usd
 from mmw.usd.validate import find_problems
 from mmw.worlds.checks.closed_meshes import solid_findings
 from mmw.worlds.checks.components import find_components
@@ -50,6 +51,7 @@ def stage_path(name: str) -> Path:
     return Path(name) if Path(name).suffix else town_path(name)
 
 
+@reads_usd
 def check_stage(
     path: Path, material_map: Mapping[str, str] | None = None, radio_rows: Collection[str] | None = None
 ) -> Report:

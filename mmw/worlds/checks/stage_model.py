@@ -16,7 +16,7 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
 from mmw.usd.actors import find_actors
-from mmw.usd.meshes import MeshReader, bound_materials, place, to_metres
+from mmw.usd.meshes import MeshReader, bound_materials, check_placed, place, to_metres
 from mmw.usd.open_stage import open_stage
 from mmw.worlds.checks.findings import Finding
 
@@ -134,6 +134,11 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
         if owner and owner not in moves:
             moves[owner] = _moves(actors[owner].prim)
         points, faces = place(triangles, reader.to_world(mesh) @ meters)
+        try:
+            check_placed(path, points)
+        except InputError as error:
+            problems.append(Finding("error", "mesh", path, str(error).removeprefix(f"{path}: ")))
+            continue
         source = mesh.prim.GetPrimInPrototype() if mesh.prim.IsInstanceProxy() else mesh.prim
         parts.append(
             StageMesh(

@@ -1,5 +1,6 @@
 """Clean imported meshes: prim names, degenerate triangles, and a plausible size of the world."""
 
+import logging
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
@@ -12,12 +13,17 @@ from mmw.worlds.importers.formats import UNITS
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.towns.mesh_part import MeshPart
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs traces of what it then raises
+
 MIN_SIZE_M, MAX_SIZE_M = 1.0, 20_000.0
 """A world smaller or larger than this [m] is assumed to have a wrong unit. Design values."""
 
 MAX_COORDINATE_M = 20_000.0
 """Farthest coordinate from the origin [m]: float32 vertices there are 2 mm apart, `PLANE_M` of
 `mmw.core.planar_surfaces` is 1 mm. Design value."""
+
+MAX_NUMBER_M = 1e12
+"""Largest coordinate of a file [m]: beyond it float32 overflows in products."""
 
 Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 """A world with y up, to ours with z up: x stays, y becomes z, z becomes -y. Column vectors, shape [4, 4]."""
@@ -32,9 +38,9 @@ def identifier(name: str) -> str:
     return f"_{name}" if name[0].isdigit() else name
 
 
-def free_name(stem: str, used: Collection[str]) -> str:
-    """Return a name that is not used yet: `stem`, `stem_2`, `stem_3`, ..."""
-    name, number = stem, 1
+def free_name(stem: str, used: Collection[str], number: int = 1) -> str:
+    """Return a name that is not used yet: `stem`, `stem_2`, `stem_3`, ...; those up to `number` are known to be."""
+    name = stem if number == 1 else f"{stem}_{number}"
     while name in used:
         number += 1
         name = f"{stem}_{number}"
@@ -47,10 +53,13 @@ class PrimNames:
 
     used_names: set[str] = field(default_factory=lambda: set(RESERVED))
     folders: dict[tuple[str, str], str] = field(default_factory=dict)
+    _last_number: dict[str, int] = field(default_factory=dict)
 
     def child(self, parent: str, name: str) -> str:
         """Return a free path below a parent; an empty parent is the town's root."""
-        path = free_name(f"{parent}/{identifier(name)}".lstrip("/"), self.used_names)
+        stem = f"{parent}/{identifier(name)}".lstrip("/")
+        path = free_name(stem, self.used_names, self._last_number.get(stem, 1))  # thousands may have one name
+        self._last_number[stem] = int(path[len(stem) + 1 :] or 1)
         self.used_names.add(path)
         return path
 
@@ -91,12 +100,19 @@ class MeshCollector:
         Raises:
             InputError: If a vertex is not finite, or a face refers to a vertex that does not exist.
         """
-        points, faces = np.asarray(points, np.float64).reshape(-1, 3), np.asarray(faces).reshape(-1, 3)
-        bad = ~np.isfinite(points).all(axis=1)
+        points, faces = np.asarray(points, np.float64), np.asarray(faces)
+        if len(points) == 0 or faces.size == 0:
+            points, faces = np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+        if points.ndim != 2 or faces.ndim != 2 or points.shape[1] != 3 or faces.shape[1] != 3:
+            raise InputError(
+                f"{where}: vertices of {points.shape[1:]} and faces of {faces.shape[1:]} numbers; 3 of each are "
+                "needed; repair the mesh in the tool that made it"
+            )
+        bad = ~(np.abs(points) <= MAX_NUMBER_M).all(axis=1)
         if bad.any():
             raise InputError(
-                f"{where}: {bad.sum()} of {len(points)} vertices are not finite (the first is number "
-                f"{np.flatnonzero(bad)[0]}); numbers are needed; repair the mesh in the tool that made it"
+                f"{where}: {bad.sum()} of {len(points)} vertices are not finite or beyond {MAX_NUMBER_M:g} m (the "
+                f"first is number {np.flatnonzero(bad)[0]}); numbers are needed; repair the mesh"
             )
         if len(faces) and not 0 <= faces.min() <= faces.max() < len(points):
             raise InputError(
@@ -154,8 +170,14 @@ def _as_rows(triples: np.ndarray) -> np.ndarray:
 
 
 def transformed(points: np.ndarray, faces: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return a mesh placed by a matrix (column vectors, shape [4, 4]); a mirroring one turns the faces over."""
-    points = np.asarray(points, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+    """Return a mesh placed by a matrix (column vectors, shape [4, 4]); a mirroring one turns the faces over.
+
+    A mesh whose vertices have no three numbers stays as it is: `MeshCollector.add` refuses it.
+    """
+    points, faces = np.asarray(points, np.float64), np.asarray(faces)
+    if points.ndim != 2 or points.shape[1] != 3 or faces.ndim != 2:
+        return points, faces
+    points = points @ matrix[:3, :3].T + matrix[:3, 3]
     return points, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0.0 else faces
 
 

@@ -17,12 +17,13 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, place, to_metres
-from mmw.usd.open_stage import check_references, open_stage
+from mmw.usd.open_stage import check_references, open_stage, reads_usd
 from mmw.usd.prim_values import attribute_value, decimal
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MeshCollector, PrimNames, free_name, identifier
 
 
+@reads_usd
 def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> ImportedScene:
     """Return the meshes, materials, labels, components and lanes of a stage, at its start time.
 

@@ -8,6 +8,9 @@ from xml.parsers import expat
 
 from mmw.core.errors import InputError
 
+MAX_DEPTH = 100
+"""Elements inside elements; design value, Mitsuba's own scenes have eight."""
+
 
 @dataclass
 class XmlNode:
@@ -46,7 +49,7 @@ def read_xml(path: Path) -> XmlNode:
     """Return the root element of a file.
 
     Raises:
-        InputError: If the file is missing, empty or no well-formed XML.
+        InputError: If the file is missing, empty, no well-formed XML, or nested too deeply.
     """
     try:
         data = path.read_bytes()
@@ -59,6 +62,8 @@ def read_xml(path: Path) -> XmlNode:
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         node = XmlNode(tag, attributes, f"{path}:{parser.CurrentLineNumber}", path.parent)
+        if len(stack) > MAX_DEPTH:
+            raise InputError(f"{node.where}: <{tag[:60]}> is nested more than {MAX_DEPTH} deep; flatten the file")
         stack[-1].children.append(node)
         stack.append(node)
 

@@ -8,6 +8,7 @@ import pytest
 import trimesh
 
 from mmw.physics.materials.material import RadioMaterial
+from mmw.worlds.importers.formats import read_scene
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import bounds
 from mmw.worlds.importers.mitsuba.read_mitsuba import read_mitsuba
@@ -171,13 +172,37 @@ def test_y_up_units_and_origin(tmp_path: Path) -> None:
         (radio_with("lambda_", -0.5), "lambda_ = -0.5; 0 to 1 is needed"),
         ('<shape type="instance"/>', "no shapegroup"),
         ('<shape type="cube">', "not well-formed XML"),
+        ("<shape type='merge'>" * 60_000 + "</shape>" * 60_000, "nested more than 100 deep"),
+        ('<bsdf id="b" type="diffuse"><rgb name="reflectance" value="#zzzzzz"/></bsdf>', "finite number(s) are needed"),
+        (
+            "".join(
+                f'<default name="v{k}" value="{"$v" + str(k - 1) if k else "x"}{"$v" + str(k - 1) if k else "x"}"/>'
+                for k in range(60)
+            ),
+            "over 100,000 characters",
+        ),
+        (
+            '<shape type="shapegroup" id="g"><shape type="instance"><ref id="g"/></shape></shape>'
+            '<shape type="instance"><ref id="g"/></shape>',
+            "an instance inside a shapegroup",
+        ),
+        ('<include filename="leaf.xml"/>' * 1_001, "more than 1000 files are included"),
     ],
 )
 def test_what_cannot_be_read_is_named_with_its_line(tmp_path: Path, body: str, part: str) -> None:
+    (tmp_path / "leaf.xml").write_text("<scene/>")
     with pytest.raises(ValueError, match=r"scene\.xml:\d+: ") as caught:
         scene(tmp_path, body)
     assert part in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["a.xml", "a.xodr", "a.osm"])
+def test_entities_do_not_multiply(tmp_path: Path, name: str) -> None:
+    lines = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10 if k else "x" * 100}">' for k in range(12))
+    (tmp_path / name).write_text(f'<?xml version="1.0"?><!DOCTYPE scene [{lines}]><scene>&e11;</scene>')
+    with pytest.raises(ValueError, match="amplification"):
+        read_scene(tmp_path / name)
 
 
 @pytest.mark.parametrize(("text", "part"), [("", "no element found"), ("<osm/>", "<scene>")])

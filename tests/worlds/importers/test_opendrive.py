@@ -325,6 +325,35 @@ LOST = GOOD.replace("<link>", "<link>" + link("successor", "road", "8", "start")
         (document(GOOD.replace("RHT", "MIDDLE")), "rule 'MIDDLE'; RHT or LHT is needed"),
         (document(GOOD, GOOD), "road '7': the id is used twice"),
         (document(GOOD.replace('id="-2"', 'id="-3"', 1)), "numbered \\[1, 3\\]"),
+        (
+            document(GOOD.replace('length="40.0"', 'length="4e9"')),
+            "road '7': <road> attribute length is '4e9'; .* 50000",
+        ),
+        (document(GOOD.replace('length="40.0"', 'length="49e3"', 1)), "road '7': geometry at s = 0 has length 40, and"),
+        (document(GOOD.replace("<line/>", '<arc curvature="1e9"/>')), "road '7': <arc> attribute curvature is '1e9'"),
+        (
+            document(GOOD.replace("<line/>", '<spiral curvStart="0" curvEnd="90"/>')),
+            "curvEnd is 90 over 40 m, 3600 rad",
+        ),
+        (document(GOOD.replace(' x="0.0"', ' x="1e300"')), "road '7': <geometry> attribute x is '1e300'"),
+        (
+            document(GOOD.replace('a="3.5"', 'a="1e9"', 1)),
+            "road '7': lane 1: <width> reaches 1e\\+09 at s = 0 m; -100 to 100",
+        ),
+        (document(GOOD.replace('a="3.5" b="0"', 'a="3.5" b="70"', 1)), "<width> reaches .* at s = .* m; -100 to 100"),
+        (
+            document(GOOD.replace("<elevationProfile>", '<elevationProfile><elevation s="0" a="0" d="9"/>')),
+            "<elevation> reach",
+        ),
+        (
+            document(GOOD.replace('laneSection s="0.0"', 'laneSection s="41"')),
+            "no laneSection begins before its end at 40 m",
+        ),
+        (
+            document(GOOD, GOOD.replace('id="7"', 'id="8"').replace(' x="0.0"', ' x="3e4"')),
+            "the map: reaches over 3.*e\\+04 m",
+        ),
+        (document(GOOD.replace('id="-2"', 'id="-2e9"', 1)), "<lane> attribute id is '-2e9'; a number from -100 to 100"),
     ],
 )
 def test_messages(tmp_path: Path, text: str, message: str) -> None:

@@ -192,6 +192,11 @@ def far_apart() -> str:
         ("<osm/>", "has no nodes"),
         ('<osm><node id="5" lat="148" lon="11"/></osm>', "node 5: lat '148', lon '11'; -90 to 90"),
         ('<osm><node id="5" lat="48" lon="11"/></osm>', "holds neither buildings nor roads"),
+        (
+            quarter().text().replace('v="7"', 'v="7e9 km"').replace('v="2"', f'v="{"9" * 400}"'),
+            "w1: building:levels = '9{40}'",
+        ),
+        (quarter().text().replace('v="18.5 m"', 'v="18500 m"'), "w2: height = '18500 m'; -100 to 2000 is needed"),
         (far_apart(), "22.0 km wide .* 20 km or less are needed; cut out a smaller area"),
     ],
 )

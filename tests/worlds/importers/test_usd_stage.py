@@ -197,6 +197,66 @@ def test_broken_files(tmp_path: Path, name: str, content: bytes) -> None:
         read_usd(tmp_path / "nowhere.usda")
 
 
+FLAT = (
+    'def Mesh "L0" {\nint[] faceVertexCounts = [3]\nint[] faceVertexIndices = [0, 1, 2]\n'
+    "point3f[] points = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]\n}\n"
+)
+TENFOLD = FLAT + "".join(
+    f'def "L{k}" {{\n' + "".join(f'def "c{n}" (references = </L{k - 1}>) {{}}\n' for n in range(10)) + "}\n"
+    for k in range(1, 9)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('def "a" {' * 100_000 + "}" * 100_000, r"a\.usda:2: nested more than 200 deep"),
+        ('def "a" { int[] b = ' + "[" * 100_000, r"a\.usda:2: nested more than 200 deep"),
+        (TENFOLD, r"a\.usda: /L\d: would become over 2,000,000 prims"),
+        (TENFOLD.replace("references", "instanceable = true\nreferences"), "would become over 2,000,000 prims"),
+        ('def "A" (references = </B>) {}\ndef "B" (references = </A>) {}', "do not resolve"),
+        ("(subLayers = [@./a.usda@])", "do not resolve"),
+        (
+            FLAT.replace("[3]", "[-1, 4]"),
+            "/L0: a face has -1 corners",
+        ),
+        (
+            FLAT + 'def PointInstancer "P" {\nrel prototypes = </L0>\nint[] protoIndices = [0, 9]\n'
+            "point3f[] positions = [(0, 0, 0), (1, 0, 0)]\n}",
+            "/P: protoIndices from 0 to 9, of 1 prototypes",
+        ),
+    ],
+    ids=lambda text: text[:20],
+)
+def test_stages_that_would_end_the_process_or_fill_the_memory(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "a.usda").write_text(f"#usda 1.0\n{text}\n")
+    with pytest.raises(ValueError, match=words):
+        read_usd(tmp_path / "a.usda")
+
+
+def test_brackets_in_strings_are_no_nesting(tmp_path: Path) -> None:
+    (tmp_path / "a.usda").write_text(f'#usda 1.0\n(doc = "{"{" * 500}")\n{FLAT}# {"(" * 500}\n')
+    assert len(read_usd(tmp_path / "a.usda").parts) == 1
+
+
+def test_a_damaged_crate_is_named(tmp_path: Path) -> None:
+    stage = new_stage(tmp_path / "b.usda")
+    add_polygons(stage, "/World/t", np.arange(3000.0).reshape(-1, 3), [[k, k + 1, k + 2] for k in range(900)])
+    stage.Export(str(tmp_path / "a.usdc"))
+    data = (tmp_path / "a.usdc").read_bytes()
+    messages = set()
+    for at in range(90, len(data), max(1, len(data) // 40)):
+        (tmp_path / f"a{at}.usdc").write_bytes(
+            data[:at] + bytes(255 - byte for byte in data[at : at + 9]) + data[at + 9 :]
+        )
+        try:
+            read_usd(tmp_path / f"a{at}.usdc")
+        except ValueError as error:
+            messages.add(str(error).partition(": ")[0])
+    assert messages  # every other exception fails the test
+    assert all(name.startswith((str(tmp_path), "/World/t")) for name in messages)
+
+
 @pytest.mark.parametrize(
     ("attribute", "value", "part"),
     [("points", [Gf.Vec3f(0, 0, 0), Gf.Vec3f(float("nan"), 0, 0), Gf.Vec3f(0, 1, 0)], "not finite"),

@@ -95,20 +95,22 @@ class _Reader:
             self.notes.append(f"material {source}: its texture is not read; give it a color with a material map")
         return name
 
-    def add_shape(self, node: XmlNode, outer: np.ndarray, inherited: str | None) -> None:
+    def add_shape(self, node: XmlNode, outer: np.ndarray, inherited: str | None, is_instanced: bool = False) -> None:
         """Add a shape, or the shapes inside a merged or instanced one."""
         kind = node.get("type")
         material = self.material_of(node, inherited)
         matrix = outer @ values.transform(node)
         if kind == "merge":
             for child in node.find("shape"):
-                self.add_shape(child, matrix, material)
+                self.add_shape(child, matrix, material, is_instanced)
         elif kind == "instance":
+            if is_instanced:
+                raise InputError(f"{node.where}: an instance inside a shapegroup; Mitsuba has one level; flatten it")
             group = next((ref.get("id") for ref in node.find("ref") if ref.get("id") in self.groups), None)
             if group is None:
                 raise InputError(f"{node.where}: the instance refers to no shapegroup; add <ref id=.../>")
             for child in self.groups[group].find("shape"):
-                self.add_shape(child, matrix, material)
+                self.add_shape(child, matrix, material, is_instanced=True)
         elif kind == "shapegroup":
             return
         elif kind in _SHAPES or kind in ("ply", "obj"):

@@ -1,6 +1,9 @@
 """Values of Mitsuba XML: variables, included files, numbers, colors and transforms."""
 
+import itertools
 import math
+import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,10 @@ from mmw.worlds.importers.xml_nodes import XmlNode, read_xml
 
 MAX_INCLUDE_DEPTH = 15
 """Files inside files. Source: Mitsuba 3's own limit."""
+MAX_INCLUDES = 1000
+"""Included files in all; design value, as the next."""
+MAX_VALUE = 100_000
+"""Characters of a value whose variables are filled in."""
 
 
 def scene_elements(path: Path) -> list[XmlNode]:
@@ -21,10 +28,12 @@ def scene_elements(path: Path) -> list[XmlNode]:
     root = read_xml(path)
     if root.tag != "scene":
         raise InputError(f"{root.where}: the root is <{root.tag}>; a Mitsuba scene starts with <scene>; give that file")
-    return _expanded(root, {}, path.parent, 0)
+    return _expanded(root, {}, path.parent, 0, itertools.count(1))
 
 
-def _expanded(parent: XmlNode, variables: dict[str, str], folder: Path, depth: int) -> list[XmlNode]:
+def _expanded(
+    parent: XmlNode, variables: dict[str, str], folder: Path, depth: int, included: Iterator[int]
+) -> list[XmlNode]:
     elements = []
     for node in parent.children:
         for key, value in node.attributes.items():
@@ -33,25 +42,31 @@ def _expanded(parent: XmlNode, variables: dict[str, str], folder: Path, depth: i
         if node.tag == "default":
             variables.setdefault(node.get("name"), node.get("value"))
         elif node.tag == "include":
-            elements += _included(node, variables, folder, depth)
+            elements += _included(node, variables, folder, depth, included)
         else:
-            node.children = _expanded(node, variables, folder, depth)
+            node.children = _expanded(node, variables, folder, depth, included)
             elements.append(node)
     return elements
 
 
-def _included(node: XmlNode, variables: dict[str, str], folder: Path, depth: int) -> list[XmlNode]:
+def _included(
+    node: XmlNode, variables: dict[str, str], folder: Path, depth: int, included: Iterator[int]
+) -> list[XmlNode]:
+    if next(included) > MAX_INCLUDES:
+        raise InputError(f"{node.where}: more than {MAX_INCLUDES} files are included; does one include itself?")
     if depth >= MAX_INCLUDE_DEPTH:
         raise InputError(f"{node.where}: more than {MAX_INCLUDE_DEPTH} files inside files; does one include itself?")
     root = read_xml(find_file(node, folder))
     if root.tag != "scene":  # a file may hold one bare element
         root = XmlNode("scene", {}, root.where, root.folder, [root])
-    return _expanded(root, variables, folder, depth + 1)
+    return _expanded(root, variables, folder, depth + 1, included)
 
 
 def _filled(node: XmlNode, value: str, variables: dict[str, str]) -> str:
     for name in sorted(variables, key=len, reverse=True):  # $radius_2 before $radius
         value = value.replace(f"${name}", variables[name])
+        if len(value) > MAX_VALUE:
+            raise InputError(f"{node.where}: with variables a value has over {MAX_VALUE:,} characters; shorten them")
     if "$" in value:
         raise InputError(
             f"{node.where}: {value!r} holds a variable without a value; variables here: "
@@ -134,7 +149,7 @@ def color(node: XmlNode, *names: str) -> tuple[float, float, float] | None:
     for child in node.children:
         if child.attributes.get("name") in names and child.tag in ("rgb", "srgb", "spectrum", "float"):
             value = child.attributes.get("value", "")
-            if value.startswith("#") and len(value) == 7:
+            if re.fullmatch("#[0-9A-Fa-f]{6}", value):
                 red, green, blue = (int(value[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
                 return red, green, blue
             if ":" in value:

@@ -19,6 +19,8 @@ TUCK = 0.3
 """How far the ground reaches under the roads, and how far it stays at their height beside them [m]; design value."""
 SPACING = 8.0
 """Size of the grid [m]; design value."""
+MAX_GRID = 500_000
+"""Vertices of the grid: beyond 5 km x 5 km it becomes coarser; design value."""
 MARGIN = 40.0
 """How far the ground reaches beyond the outermost road [m]; design value."""
 EVERY = 2.0
@@ -69,9 +71,10 @@ def build_ground(area: shapely.Geometry, sheets: Sheets) -> MeshPart:
     known = np.isfinite(level)
     fixed, level = fixed[known], level[known]
     low, high = fixed.min(axis=0) - MARGIN, fixed.max(axis=0) + MARGIN
-    count = np.maximum(np.ceil((high - low) / (SPACING * np.array([1.0, 0.866]))).astype(int), 2)
+    spacing = max(SPACING, float(np.sqrt(np.prod(high - low) / MAX_GRID)))
+    count = np.maximum(np.ceil((high - low) / (spacing * np.array([1.0, 0.866]))).astype(int), 2)
     grid = triangular_lattice(low, high, count, inner_only=True)
-    near = area.buffer(TUCK + 0.4 * SPACING)
+    near = area.buffer(TUCK + 0.4 * spacing)
     shapely.prepare(near)
     grid = grid[~shapely.contains_xy(near, grid[:, 0], grid[:, 1])]
     xy = np.concatenate([fixed, grid])

@@ -10,19 +10,22 @@ import numpy as np
 import shapely
 
 from mmw.worlds.importers.imported_scene import ImportedScene, library_material
-from mmw.worlds.importers.mesh_cleanup import free_name, identifier
+from mmw.worlds.importers.mesh_cleanup import MAX_SIZE_M, free_name, identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets, close_edges
 from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_rows, build_ground
 from mmw.worlds.importers.opendrive.junction import build_junction
 from mmw.worlds.importers.opendrive.lanes import build_lanes
-from mmw.worlds.importers.opendrive.records import Document, number, read_document
+from mmw.worlds.importers.opendrive.limits import MAX_JUNCTION, PLACE, check_extent, number
+from mmw.worlds.importers.opendrive.records import Document, read_document
 from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
 
 MAX_OFFSET = 10e3
 """A town farther than this from the origin of its file gets an origin of its own [m]: meshes are single precision."""
+EXTENT_STEP = 5.0
+"""Distance of the samples from which the extent of a road is told [m]; design value."""
 PAINT = replace(
     library_material("road_marking"), name=YELLOW, source="yellow road mark", color=(0.62, 0.42, 0.05), coating="paint",
     attributes=("none",),
@@ -46,6 +49,7 @@ def read_opendrive(path: str | Path) -> ImportedScene:
     shapes = {
         key: RoadShape(road, make_line(road, f"{path}: road {key!r}", origin)) for key, road in document.roads.items()
     }
+    _check_extents(path, shapes)
     for key, shape in shapes.items():
         for station, gap in shape.line.jumps():
             if gap > 0.01:
@@ -72,10 +76,26 @@ def read_opendrive(path: str | Path) -> ImportedScene:
     return ImportedScene(parts, foreign, graph, tuple(notes))
 
 
+def _check_extents(path: Path, shapes: dict[str, RoadShape]) -> None:
+    """Raise InputError for roads, junctions and files that are too large to be meshed."""
+    corners: dict[str, list[np.ndarray]] = {}
+    for key, shape in shapes.items():
+        where = f"{path}: road {key!r}"
+        count = 2 + int(shape.road.length / EXTENT_STEP)
+        with np.errstate(over="ignore", invalid="ignore"):
+            xy, _ = shape.line.at(np.linspace(0.0, shape.road.length, count))
+        check_extent(where, xy)
+        for group in ("", shape.road.junction):
+            corners.setdefault(group, []).append(np.stack([xy.min(axis=0), xy.max(axis=0)]))
+    for junction, found in corners.items():
+        where = f"{path}: junction {junction!r}" if junction else f"{path}: the map"
+        check_extent(where, np.concatenate(found), MAX_JUNCTION if junction else MAX_SIZE_M)
+
+
 def _origin(document: Document) -> tuple[np.ndarray, list[str]]:
     """Return the point of the file that becomes the origin [m], shape [2], and a note if it is not (0, 0)."""
     pieces = [(f"{document.path}: road {key!r}", g) for key, road in document.roads.items() for g in road.geometry]
-    xy = np.array([[number(piece, axis, where) for axis in "xy"] for where, piece in pieces])
+    xy = np.array([[number(piece, axis, where, limits=PLACE) for axis in "xy"] for where, piece in pieces])
     middle = 0.5 * (xy.min(axis=0) + xy.max(axis=0))
     if np.abs(middle).max() < MAX_OFFSET:
         return np.zeros(2), []
@@ -94,6 +114,8 @@ def _names(document: Document) -> dict[str, str]:
 def _overlaps(outside: dict[str, Sheet]) -> list[str]:
     """Return a note if roads outside junctions lie on each other at one height."""
     keys = list(outside)
+    if len(keys) < 2:
+        return []
     outlines = [outside[key].outline for key in keys]
     found = []
     for i, j in np.asarray(shapely.STRtree(outlines).query(outlines, predicate="intersects")).T:

@@ -3,7 +3,6 @@
 Source: ASAM OpenDRIVE 1.4 to 1.8.
 """
 
-import math
 import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.worlds.importers.opendrive import limits
+from mmw.worlds.importers.opendrive.limits import check_cubics, number
 from mmw.worlds.importers.xml_nodes import parse_xml
 
 SPEED_UNIT = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
@@ -177,29 +178,13 @@ def read_document(path: Path) -> Document:
     return document
 
 
-def number(element: ElementTree.Element, name: str, where: str, default: float | None = None) -> float:
-    """Return an attribute as a number.
-
-    Raises:
-        InputError: If it is missing and has no default, or is not a finite number.
-    """
-    text = element.get(name)
-    if text is None and default is not None:
-        return default
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        found = "is missing" if text is None else f"is {text!r}"
-        raise InputError(f"{where}: <{element.tag}> attribute {name} {found}; a number is needed; correct the file")
-    return value
-
-
 def _cubics(
     elements: list[ElementTree.Element], where: str, key: str = "s", shift: float = 0.0, scale: float = 1.0
 ) -> Cubics:
-    rows = [[number(e, key, where, 0.0) + shift, *(scale * number(e, k, where, 0.0) for k in "abcd")] for e in elements]
+    rows = [
+        [number(e, key, where, 0.0, limits.STATION) + shift, *(scale * number(e, k, where, 0.0) for k in "abcd")]
+        for e in elements
+    ]
     table = np.array(sorted(rows, key=lambda row: row[0]), float).reshape(-1, 5)
     return Cubics(table[:, 0], table[:, 1:])
 
@@ -212,37 +197,43 @@ def _speeds(elements: list[ElementTree.Element], where: str, key: str, shift: fl
             continue
         if unit not in SPEED_UNIT:
             raise InputError(f"{where}: speed unit {unit!r}; m/s, km/h or mph is needed; correct the file")
-        value = number(element, "max", where) * SPEED_UNIT[unit]
+        value = number(element, "max", where, limits=limits.SPEED) * SPEED_UNIT[unit]
         if value > 0:
-            found.append((number(element, key, where, 0.0) + shift, value))
+            found.append((number(element, key, where, 0.0, limits.STATION) + shift, value))
     return tuple(sorted(found))
 
 
 def _road(element: ElementTree.Element, where: str) -> RoadRecord:
-    length = number(element, "length", where)
+    length = number(element, "length", where, limits=(-limits.MAX_ROAD, limits.MAX_ROAD))
     if element.get("id") is None or length <= 0:
         raise InputError(f"{where}: length {length}; an id and a positive length are needed; correct the file")
     geometry = tuple(element.findall("planView/geometry"))
     if not geometry:
         raise InputError(f"{where}: has no planView geometry; at least one piece is needed; export the file again")
-    starts = [number(section, "s", where) for section in element.findall("lanes/laneSection")]
+    starts = [number(section, "s", where, limits=limits.STATION) for section in element.findall("lanes/laneSection")]
     if not starts:
         raise InputError(f"{where}: has no laneSection; at least one is needed; export the file again")
     if starts != sorted(starts):
         raise InputError(f"{where}: lane sections are not in ascending order of s; sort them")
     ends = [*starts[1:], length]
     sections = tuple(
-        _section(section, start, end, where)
+        _section(section, start, min(end, length), where)
         for section, start, end in zip(element.findall("lanes/laneSection"), starts, ends, strict=True)
-        if end - start > 1e-6
+        if min(end, length) - start > 1e-6
     )
+    if not sections:
+        raise InputError(f"{where}: no laneSection begins before its end at {length:g} m; correct s or the length")
     rule = element.get("rule", "RHT")
     if rule not in ("RHT", "LHT"):
         raise InputError(f"{where}: rule {rule!r}; RHT or LHT is needed; correct the file")
     types = element.findall("type")
-    speeds = [(number(t, "s", where, 0.0), s) for t in types for _, s in _speeds(t.findall("speed"), where, "s", 0.0)]
+    speeds = [
+        (number(t, "s", where, 0.0, limits.STATION), s)
+        for t in types
+        for _, s in _speeds(t.findall("speed"), where, "s", 0.0)
+    ]
     junction = element.get("junction", "-1")
-    return RoadRecord(
+    road = RoadRecord(
         id=element.get("id", ""),
         length=length,
         junction="" if junction == "-1" else junction,
@@ -256,6 +247,25 @@ def _road(element: ElementTree.Element, where: str) -> RoadRecord:
         sections=sections,
         speeds=tuple(sorted(speeds)),
     )
+    _check_values(road, where)
+    return road
+
+
+def _check_values(road: RoadRecord, where: str) -> None:
+    """Raise InputError where a cubic of a road reaches what no road has."""
+    whole = 0.0, road.length
+    for what, cubics, allowed in (
+        ("elevation", road.elevation, limits.HEIGHT),
+        ("superelevation", road.superelevation, limits.ROLL),
+        ("laneOffset", road.offset, limits.OFFSET),
+    ):
+        check_cubics(where, what, (cubics.start, cubics.coefficients), whole, allowed)
+    for section in road.sections:
+        for lane in section.lanes.values():
+            for what, cubics in (("width", lane.width), ("border", lane.border)):
+                if cubics is not None:
+                    pieces, name = (cubics.start, cubics.coefficients), f"{where}: lane {lane.number}"
+                    check_cubics(name, what, pieces, (section.start, section.end), limits.WIDTH)
 
 
 def _link(element: ElementTree.Element | None, where: str) -> Link | None:
@@ -293,16 +303,19 @@ def _section(element: ElementTree.Element, start: float, end: float, where: str)
 
 
 def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
-    lane = int(number(element, "id", where))
+    lane = int(number(element, "id", where, limits=limits.LANE))
     where = f"{where}: lane {lane} at s = {start:g}"
     widths, borders = element.findall("width"), element.findall("border")
     if lane and not widths and not borders:
         raise InputError(f"{where}: has neither width nor border; one is needed; export the file again")
     links = [element.find(f"link/{name}") for name in ("predecessor", "successor")]
-    before, after = (None if link is None else int(number(link, "id", where)) for link in links)
+    before, after = (None if link is None else int(number(link, "id", where, limits=limits.LANE)) for link in links)
     marks = tuple(sorted((_mark(m, start, where) for m in element.findall("roadMark")), key=lambda m: m.start))
     heights = [
-        (start + number(h, "sOffset", where, 0.0), number(h, "inner", where), number(h, "outer", where))
+        (
+            start + number(h, "sOffset", where, 0.0, limits.STATION),
+            *(number(h, side, where, limits=limits.KERB) for side in ("inner", "outer")),
+        )
         for h in element.findall("height")
     ]
     return LaneRecord(
@@ -322,22 +335,35 @@ def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
 def _mark(element: ElementTree.Element, start: float, where: str) -> Mark:
     kind = element.get("type", "none")
     known = {"solid", "broken"}
-    kind = kind if set(kind.split()) <= known else {"botts dots": "broken"}.get(kind, "none")
+    kind = kind if kind.split() and set(kind.split()) <= known else {"botts dots": "broken"}.get(kind, "none")
     bold = element.get("weight") == "bold"
-    width = number(element, "width", where, 0.0) or (0.25 if bold else 0.12)
+    width = number(element, "width", where, 0.0, limits.PAINT) or (0.25 if bold else 0.12)
     line = element.find("type/line")
     dash = (3.0, 6.0)  # design value: what most countries paint in towns
-    if line is not None and number(line, "length", where, 0.0) > 0 and number(line, "space", where, 0.0) > 0:
-        dash = (number(line, "length", where), number(line, "space", where))
+    if line is not None:
+        length, space = (number(line, name, where, 0.0, limits.DASH) for name in ("length", "space"))
+        if min(length, space) > 0 and length + space < 2 * limits.MIN_DASH:
+            raise InputError(
+                f"{where}: <line> of a road mark: length {length:g} and space {space:g}; {2 * limits.MIN_DASH:g} m or "
+                "more together are needed; correct the file"
+            )
+        dash = (length, space) if min(length, space) > 0 else dash
     color = element.get("color", "standard")
-    return Mark(start + number(element, "sOffset", where, 0.0), kind, width, color, dash, element.get("laneChange", ""))
+    return Mark(
+        start + number(element, "sOffset", where, 0.0, limits.STATION),
+        kind,
+        width,
+        color,
+        dash,
+        element.get("laneChange", ""),
+    )
 
 
 def _junction(element: ElementTree.Element, where: str) -> JunctionRecord:
     connections = []
     for connection in element.findall("connection"):
         lanes = tuple(
-            (int(number(link, "from", where)), int(number(link, "to", where)))
+            (int(number(link, "from", where, limits=limits.LANE)), int(number(link, "to", where, limits=limits.LANE)))
             for link in connection.findall("laneLink")
         )
         target = connection.get("connectingRoad") or connection.get("linkedRoad")

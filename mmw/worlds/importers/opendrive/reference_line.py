@@ -7,11 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.worlds.importers.opendrive.records import RoadRecord, number
+from mmw.worlds.importers.opendrive import limits
+from mmw.worlds.importers.opendrive.limits import number
+from mmw.worlds.importers.opendrive.records import RoadRecord
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(10)
 CELL = 0.5
 """Length of the cells over which the arc length of a parametric curve is integrated [m]; design value."""
+BLOCK = 1_000_000
+"""Tangents of a spiral that are in memory at a time."""
 
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Arc length from the start of a piece [N] -> local position [N, 2] and local heading [N]."""
@@ -72,11 +76,11 @@ def make_line(road: RoadRecord, where: str, file_origin: np.ndarray) -> Referenc
     """
     pieces = []
     for element in road.geometry:
-        length = number(element, "length", where)
+        length = number(element, "length", where, limits=limits.STATION)
         if length <= 1e-9:
             continue
-        station = number(element, "s", where)
-        origin = np.array([number(element, "x", where), number(element, "y", where)]) - file_origin
+        station = number(element, "s", where, limits=limits.STATION)
+        origin = np.array([number(element, axis, where, limits=limits.PLACE) for axis in "xy"]) - file_origin
         shapes = [child for child in element if child.tag in SHAPES]
         if not shapes:
             found = ", ".join(f"<{child.tag}>" for child in element) or "nothing"
@@ -85,10 +89,18 @@ def make_line(road: RoadRecord, where: str, file_origin: np.ndarray) -> Referenc
                 "export the road with these"
             )
         curve = SHAPES[shapes[0].tag](shapes[0], length, where)
-        pieces.append(Piece(station, origin, number(element, "hdg", where), length, curve))
+        pieces.append(Piece(station, origin, number(element, "hdg", where, limits=limits.HEADING), length, curve))
     if not pieces:
         raise InputError(f"{where}: every geometry has length 0; a road with a length is needed; correct the file")
-    return ReferenceLine(tuple(sorted(pieces, key=lambda piece: piece.station)))
+    pieces.sort(key=lambda piece: piece.station)
+    for piece, end in zip(pieces, [*(piece.station for piece in pieces[1:]), road.length], strict=True):
+        missing = end - piece.station - piece.length
+        if missing > limits.MAX_GAP:
+            raise InputError(
+                f"{where}: geometry at s = {piece.station:g} has length {piece.length:g}, and the road goes on at s = "
+                f"{end:g}; at most {limits.MAX_GAP:g} m may be missing; correct the length of the geometry or the road"
+            )
+    return ReferenceLine(tuple(pieces))
 
 
 def _line(element: ElementTree.Element, length: float, where: str) -> Curve:
@@ -96,7 +108,7 @@ def _line(element: ElementTree.Element, length: float, where: str) -> Curve:
 
 
 def _arc(element: ElementTree.Element, length: float, where: str) -> Curve:
-    kappa = number(element, "curvature", where)
+    kappa = _curvature(element, "curvature", length, where)
 
     def curve(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         half = 0.5 * kappa * s
@@ -106,22 +118,34 @@ def _arc(element: ElementTree.Element, length: float, where: str) -> Curve:
     return curve
 
 
+def _curvature(element: ElementTree.Element, name: str, length: float, where: str) -> float:
+    kappa = number(element, name, where, limits=limits.CURVATURE)
+    if abs(kappa) * length > limits.MAX_TURN:
+        raise InputError(
+            f"{where}: <{element.tag}> attribute {name} is {kappa:g} over {length:g} m, {abs(kappa) * length:.4g} rad; "
+            f"at most {limits.MAX_TURN:g} rad are read; correct the curvature or the length"
+        )
+    return kappa
+
+
 def _spiral(element: ElementTree.Element, length: float, where: str) -> Curve:
     """Clothoid: curvature linear in arc length, position by Gauss-Legendre quadrature of the tangent.
 
     Source: Abramowitz and Stegun, section 25.4.30; ten nodes on cells of at most half a radian leave less than 1e-12.
     """
-    first, last = number(element, "curvStart", where), number(element, "curvEnd", where)
+    first, last = (_curvature(element, name, length, where) for name in ("curvStart", "curvEnd"))
     rate = (last - first) / length
 
     def curve(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cells = 1 + int(2 * max(abs(first), abs(last)) * max(length, float(np.max(np.abs(s), initial=0.0))))
         node = ((np.arange(cells)[:, None] + 0.5 * (NODES + 1)) / cells).ravel()
         weight = np.tile(0.5 * WEIGHTS / cells, cells)
-        at = s[:, None] * node
-        angle = at * (first + 0.5 * rate * at)
-        xy = np.stack([np.cos(angle) @ weight, np.sin(angle) @ weight], axis=1) * s[:, None]
-        return xy, s * (first + 0.5 * rate * s)
+        xy = np.zeros((len(s), 2))
+        for k in range(0, len(s), block := max(1, BLOCK // len(node))):
+            at = s[k : k + block, None] * node
+            angle = at * (first + 0.5 * rate * at)
+            xy[k : k + block] = np.stack([np.cos(angle) @ weight, np.sin(angle) @ weight], axis=1)
+        return xy * s[:, None], s * (first + 0.5 * rate * s)
 
     return curve
 

@@ -88,6 +88,8 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
         )
     extract.ways = list(ways.values())
     _add_relations(extract, root, ways)
+    for feature in (*extract.points, *extract.ways, *extract.relations):
+        _check_tags(feature, path)
     used = [f.xy for f in extract.ways if len(f.xy) and f.tags]
     size = np.ptp(np.concatenate(used), axis=0).max() if used else 0.0
     far = max((float(np.abs(line).max()) for line in used), default=0.0)
@@ -172,8 +174,32 @@ def length_m(text: str | None) -> float | None:
     return None if found is None else float(found[1]) * 0.3048 + float(found[2] or 0) * 0.0254
 
 
+def _check_tags(feature: Feature, path: Path) -> None:
+    """Raise InputError for a tag that no building or street has."""
+    for key, (read, low, high) in LIMITS.items():
+        text = feature.tags.get(key)
+        value = read(text) if text else None
+        if value is not None and not low <= value <= high:
+            raise InputError(
+                f"{path}: {feature.id}: {key} = {(text or '')[:40]!r}; {low:g} to {high:g} is needed; correct the tag"
+            )
+
+
 def number(text: str | None) -> float | None:
     """Return a plain number tag such as building:levels; None if there is none or it cannot be read."""
     if text is None or not re.fullmatch(r"\s*-?\d+([.,]\d+)?\s*", text):
         return None
     return float(text.replace(",", "."))
+
+
+LIMITS = {
+    "height": (length_m, -100.0, 2e3),
+    "min_height": (length_m, -100.0, 2e3),
+    "roof:height": (length_m, 0.0, 500.0),
+    "building:levels": (number, -50.0, 500.0),
+    "building:min_level": (number, -50.0, 500.0),
+    "roof:levels": (number, 0.0, 100.0),
+    "width": (length_m, 0.0, 500.0),
+    "lanes": (number, 0.0, 100.0),
+}
+"""Tag -> how it is read, and the least and the greatest value, lengths in meters; design values beyond all that is."""
