@@ -62,7 +62,7 @@ def verify(root: Root) -> list[Finding]:
 def _find(store: Store) -> Iterator[Finding]:
     head = read_dataset(store)
     yield from _check_version(DATASET, head["schema_version"])
-    markers = named_markers(store)
+    markers = named_markers(store, skip_unreadable=True)  # the others are findings
     for name in store.names(MARKERS):
         if name.endswith(".json") and name not in markers:
             yield Finding("marker", name, "cannot be read; run the configuration again")
@@ -118,7 +118,11 @@ def _check_version(path: str, text: str) -> Iterator[Finding]:
 
 def _check_file(store: Store, file: dict, marker: dict) -> Iterator[Finding]:
     name = file["path"]
-    data = store.read(name)
+    try:
+        data = store.read(name)
+    except OSError as error:
+        yield Finding("unreadable", name, one_line(error))
+        return
     if data is None:
         yield Finding("missing", name, "the marker lists it, but it does not exist")
     elif len(data) != file["bytes"]:

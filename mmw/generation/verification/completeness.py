@@ -53,10 +53,10 @@ def check_plan(root: Root) -> list[Finding]:
     if findings:
         return findings  # counts of another configuration have no meaning
     names = [scenario.name for scenario in config.scenarios]
-    for name in pending_scenarios(root, names):
+    for name in pending_scenarios(root, names, skip_unreadable=True):
         findings.append(Finding("missing", marker_path(name).as_posix(), f"static tables of {name} are not finished"))
     keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
-    pending = set(pending_shards(root, keys))
+    pending = set(pending_shards(root, keys, skip_unreadable=True))
     for key in keys:
         name = marker_path(key).as_posix()
         if key not in pending:
