@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Callable, Sequence
 
+from mmw.core.address_space import address_space_problem
 from mmw.core.extras import install
 from mmw.core.registry import Registry
 
@@ -39,6 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the `mmw` command and return its exit code."""
     argv = list(sys.argv[1:] if argv is None else argv)
     if argv and argv[0] in COMMANDS:
+        if problem := address_space_problem(argv[0]):
+            print(f"mmw: {problem}", file=sys.stderr)
+            return 1
         return COMMANDS[argv[0]](argv[1:], prog=f"mmw {argv[0]}")
     parser = argparse.ArgumentParser(
         prog="mmw",

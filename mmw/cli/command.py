@@ -11,6 +11,7 @@
 """
 
 import argparse
+import errno
 import logging
 import os
 import sys
@@ -18,12 +19,27 @@ import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from mmw.core.errors import Error, InputError, is_out_of_memory
+from mmw.core.errors import Error, InputError, is_out_of_memory, is_out_of_threads
 from mmw.core.extras import missing_package
 from mmw.core.log_files import logging_to_file
 from mmw.storage.atomic_files import StoreError
 
 LOGGER = logging.getLogger(__name__)
+
+CURES = {
+    errno.EACCES: "change its permissions, or use another folder",
+    errno.EPERM: "change its permissions, or use another folder",
+    errno.EROFS: "mount it for writing, or use another folder",
+    errno.EFBIG: "raise the limit of file sizes (ulimit -f), or use another file system",
+    errno.EMFILE: "raise the limit of open files (ulimit -n), or use fewer --workers or compute.writer_threads",
+    errno.ENFILE: "close other programs: the whole machine has too many open files",
+    errno.EAGAIN: "raise the limit of processes (ulimit -u), or use fewer --workers or compute.writer_threads",
+    errno.ENOMEM: "make room, or use fewer --workers or compute.writer_threads",
+    errno.ENOSPC: "free some space, or use another folder",
+    errno.EDQUOT: "free some space, or use another folder",
+    errno.EIO: "check the disk",
+}
+"""Error number of the system -> what a user can do."""
 
 
 def fail(problems: Sequence[str], code: int = 2) -> int:
@@ -72,7 +88,7 @@ def run_command(
         except OSError as error:
             LOGGER.error("%s", error, exc_info=True)
             text = f"{error.filename}: {error.strerror}" if error.filename else " ".join(str(error).split())
-            code = fail([_join(text, finished)], 1)
+            code = fail([_join(text, CURES.get(error.errno or 0, ""), finished)], 1)
         except KeyboardInterrupt:
             LOGGER.info("interrupted")
             code = fail([_join("interrupted", finished)], 1)
@@ -93,6 +109,10 @@ def _fail_unexpectedly(error: Exception, path: Path | None, debug: bool, finishe
         LOGGER.error("%s", error, exc_info=True)
         advice = "make room, or use fewer --workers or compute.writer_threads"
         return fail([_join(f"memory is full ({text}); {advice}", finished)], 1)
+    if is_out_of_threads(error):
+        LOGGER.error("%s", error, exc_info=True)
+        advice = "raise the limit of memory (ulimit -v) or processes (ulimit -u), or use fewer --workers"
+        return fail([_join(f"no thread can be started ({text}); {advice} or compute.writer_threads", finished)], 1)
     LOGGER.critical("internal error", exc_info=True)
     if path is None and not debug:
         traceback.print_exception(error)

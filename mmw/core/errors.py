@@ -33,3 +33,8 @@ class MissingPackageError(Error, ImportError):
 def is_out_of_memory(error: BaseException) -> bool:
     """Return whether an error reports that the memory of a device or the host is full; Warp raises `RuntimeError`."""
     return isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and "Failed to allocate" in str(error))
+
+
+def is_out_of_threads(error: BaseException) -> bool:
+    """Return whether an error reports that no thread can be started: memory or a limit of the process is exhausted."""
+    return isinstance(error, RuntimeError) and "can't start new thread" in str(error)

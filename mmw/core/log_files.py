@@ -29,6 +29,22 @@ MAX_FILES = 20
 FORMAT = "%(asctime)s %(levelname)s %(processName)s %(name)s: %(message)s"
 
 
+class _LogFile(logging.FileHandler):
+    """Log file that says once, in one line, that it cannot be written, and takes no more records."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        error = sys.exc_info()[1]
+        if not isinstance(error, OSError):
+            super().handleError(record)  # a bug in the record
+        elif self.level <= logging.CRITICAL:
+            self.setLevel(logging.CRITICAL + 1)
+            print(f"mmw: {self.baseFilename}: {error.strerror}; the log ends here", file=sys.stderr)
+
+    def close(self) -> None:
+        with suppress(OSError):  # of what could not be written, which is said already
+            super().close()
+
+
 @contextmanager
 def logging_to_file(command: str, *, debug: bool) -> Iterator[Path | None]:
     """Write the records of a command to a file of its own while the block runs.
@@ -38,7 +54,7 @@ def logging_to_file(command: str, *, debug: bool) -> Iterator[Path | None]:
     """
     level, handlers, path = ROOT.level, [], _new_file(command)
     if path is not None:
-        handlers.append(logging.FileHandler(path, encoding="utf-8", errors="backslashreplace"))
+        handlers.append(_LogFile(path, encoding="utf-8", errors="backslashreplace"))
     if debug:
         handlers.append(logging.StreamHandler(sys.stderr))
     for handler in handlers:

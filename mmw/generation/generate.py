@@ -86,6 +86,7 @@ def generate_dataset(
             rest = "making the rest" if console.done < total else "nothing to make"
             console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
         executor.run(context, work, workers, console)
+        root.check_present()
         root.remove_staging()
         missing = sum(item.frames for item in pending_work(root, everything))
         if missing:

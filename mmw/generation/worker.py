@@ -5,7 +5,7 @@ import pickle
 import time
 from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -112,7 +112,8 @@ class Worker:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._compiling.close()
         for path in self._shared:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # keep the error that ended the work, if any; the end of the run removes it too
+                path.unlink(missing_ok=True)
         self._pool.shutdown(cancel_futures=kind is not None)
 
     def trace(self, work: Work) -> None:

@@ -3,6 +3,7 @@
 import errno
 import os
 import shutil
+from contextlib import suppress
 from pathlib import Path
 
 from mmw.core.errors import Error
@@ -25,6 +26,7 @@ def write_bytes_atomically(path: Path, data: bytes | memoryview) -> None:
 
     Raises:
         OutOfSpaceError: If the disk or the quota is full; the temporary file is removed.
+        OSError: If the system refuses otherwise; it names the file.
     """
     temporary = temporary_path(path)
     try:
@@ -36,9 +38,11 @@ def write_bytes_atomically(path: Path, data: bytes | memoryview) -> None:
         temporary.replace(path)
         flush_folder(path.parent)
     except OSError as error:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # keep the error that ended the writing; the next run removes the file
+            temporary.unlink(missing_ok=True)
         if error.errno in DISK_FULL:
             raise OutOfSpaceError(_no_space(path, len(data))) from error
+        error.filename, error.filename2 = str(path), None  # not the temporary one, or none
         raise
 
 

@@ -47,7 +47,7 @@ def _find(store: Store, count_rows: CountRows | None) -> Iterator[Finding]:
     yield from _check_version(DATASET, head["schema_version"])
     if "inputs" in head and inputs_sha256(head["inputs"]) != head["inputs_sha256"]:
         yield Finding("inputs", DATASET, "its inputs do not have its inputs_sha256; the file was changed")
-    markers = named_markers(store)
+    markers = named_markers(store, skip_unreadable=True)  # the others are findings
     for name in store.names(MARKERS):
         if name.endswith(".json") and name not in markers:
             yield Finding("marker", name, "cannot be read; run the configuration again")
@@ -155,7 +155,11 @@ def _check_file(
 ) -> Iterator[Finding]:
     """Yield what is wrong with a file; add its rows to a chunk if nothing is."""
     name = file["path"]
-    data = store.read(name)
+    try:
+        data = store.read(name)
+    except OSError as error:
+        yield Finding("unreadable", name, one_line(error))
+        return
     if data is None:
         yield Finding("missing", name, "the marker lists it, but it does not exist")
     elif len(data) != file["bytes"]:
@@ -223,17 +227,19 @@ def _check_overlaps(markers: Mapping[str, dict]) -> Iterator[Finding]:
 
 def _check_others(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
     """Yield files that no marker lists."""
+    tables = set(TABLES)
     for name in store.names():
-        path = PurePosixPath(name)
-        if is_temporary(path):
+        if name in listed:
+            continue
+        top = name.partition("/")[0]
+        if is_temporary(PurePosixPath(name)):
             yield Finding("temporary", name, "left by a killed run")
-        elif path.parts[0] in TABLES and name not in listed:
-            if SHARD_FILE.fullmatch(name) and store.sizes([name]):
-                text = "no marker lists the file, but readers take its rows; finish the run, or move it away"
-                yield Finding("orphan", name, text)
-            else:
-                yield Finding("foreign", name, "no file of a dataset has this name; move it away")
-        elif path.parts[0] == MARKERS and path.suffix != ".json":
+        elif top in tables and SHARD_FILE.fullmatch(name) and store.sizes([name]):
+            text = "no marker lists the file, but pandas and DuckDB take its rows; finish the run, or move it away"
+            yield Finding("orphan", name, text)
+        elif top in tables:
+            yield Finding("foreign", name, "no file of a dataset has this name; move it away")
+        elif top == MARKERS and not name.endswith(".json"):
             yield Finding("foreign", name, "no marker has this name; move it away")
     for name in store.top_level_names():
         if name.endswith(".parquet") and name != MANIFEST:

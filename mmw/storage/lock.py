@@ -1,5 +1,6 @@
 """Lock a dataset folder for one run, or for several runs of its parts."""
 
+import errno
 import os
 import platform
 import re
@@ -136,15 +137,39 @@ def exclusive_lock(root: Path, name: str, timeout_s: float = -1.0) -> Iterator[N
 
 
 def writers(root: Root) -> list[str]:
-    """Return part, process and machine of the runs that are writing a dataset; of a remote store only local runs."""
-    found = []
-    for path in sorted((store_of(root).staging / LOCKS).glob("part-*.lock")):
+    """Return part, process and machine of the runs that are writing a dataset; of a remote store only local runs.
+
+    Raises:
+        OSError: If a lock cannot even be read, so that nothing is known.
+    """
+    paths = sorted((store_of(root).staging / LOCKS).glob("part-*.lock"))
+    return [f"{path.stem.replace('-', ' ')}: {_holder(path)}" for path in paths if _is_locked(path)]
+
+
+def _is_locked(path: Path) -> bool:
+    """Return whether a process holds a lock; the dataset may be another user's, or on a disk mounted for reading."""
+    try:
+        with ExitStack() as probe:
+            _lock(path, probe, timeout_s=0.0)
+    except Timeout:
+        return True
+    except OSError as error:
+        if os.name == "nt" or error.errno not in (errno.EACCES, errno.EPERM, errno.EROFS):
+            raise
+        return _is_locked_for_reader(path)
+    return False
+
+
+def _is_locked_for_reader(path: Path) -> bool:
+    """Return the same by a shared lock, for which a file need not be writable. Windows has no such function."""
+    import fcntl
+
+    with path.open("rb") as file:
         try:
-            with ExitStack() as probe:
-                _lock(path, probe, timeout_s=0.0)
-        except Timeout:
-            found.append(f"{path.stem.replace('-', ' ')}: {_holder(path)}")
-    return found
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 def temporaries(root: Path) -> list[Path]:

@@ -154,35 +154,44 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
 
 
 def read_markers(root: Root) -> list[dict[str, Any]]:
-    """Return every readable marker of a dataset, sorted by name; damaged ones are skipped."""
+    """Return every marker of a dataset, sorted by name; damaged ones are skipped, see `named_markers`."""
     return list(named_markers(store_of(root)).values())
 
 
-def named_markers(store: Store, names: Iterable[str] | None = None) -> dict[str, dict[str, Any]]:
-    """Return readable markers of a dataset by the names of their files, all of them, sorted, if no names are given."""
+def named_markers(
+    store: Store, names: Iterable[str] | None = None, *, skip_unreadable: bool = False
+) -> dict[str, dict[str, Any]]:
+    """Return markers of a dataset by the names of their files, all, sorted, if no names are given; no damaged ones.
+
+    Raises:
+        OSError: If a file cannot be read, unless `skip_unreadable`.
+    """
     if names is None:
         names = [name for name in store.names(MARKERS) if name.endswith(".json")]
-    return _markers(store, names)
+    return _markers(store, names, skip_unreadable=skip_unreadable)
 
 
-def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
+def pending(root: Root, keys: Iterable[ShardKey | str], *, skip_unreadable: bool = False) -> list[ShardKey | str]:
     """Return the shards and scenarios without a valid marker of this configuration.
 
     A marker is valid if its files exist with their sizes; `verify` also reads them.
+
+    Raises:
+        OSError: If a marker cannot be read, unless `skip_unreadable`, by which it is not valid.
     """
     store, keys = store_of(root), list(keys)
-    done = _finished(store, keys, read_dataset(store))
+    done = _finished(store, keys, read_dataset(store), skip_unreadable=skip_unreadable)
     return [key for key in keys if key not in done]
 
 
-def pending_shards(root: Root, keys: Iterable[ShardKey]) -> list[ShardKey]:
+def pending_shards(root: Root, keys: Iterable[ShardKey], *, skip_unreadable: bool = False) -> list[ShardKey]:
     """Return the shards that have no valid marker, see `pending`."""
-    return [key for key in pending(root, keys) if isinstance(key, ShardKey)]
+    return [key for key in pending(root, keys, skip_unreadable=skip_unreadable) if isinstance(key, ShardKey)]
 
 
-def pending_scenarios(root: Root, names: Iterable[str]) -> list[str]:
+def pending_scenarios(root: Root, names: Iterable[str], *, skip_unreadable: bool = False) -> list[str]:
     """Return the scenarios whose static tables have no valid marker, see `pending`."""
-    return [name for name in pending(root, names) if isinstance(name, str)]
+    return [name for name in pending(root, names, skip_unreadable=skip_unreadable) if isinstance(name, str)]
 
 
 def upload_finished(root: Root, keys: Iterable[ShardKey]) -> int:
@@ -275,9 +284,10 @@ mmw.connect(".").sql("SELECT * FROM {next(iter(tables), "frames")} LIMIT 5")
 """  # noqa: E501
 
 
-def _markers(store: Store, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return the markers that are readable and complete."""
-    found = {name: _parse_marker(data) for name, data in store.read_all(names).items()}
+def _markers(store: Store, names: Iterable[str], *, skip_unreadable: bool = False) -> dict[str, dict[str, Any]]:
+    """Return the markers that are complete."""
+    contents = store.read_all(names, skip_unreadable=skip_unreadable)
+    found = {name: _parse_marker(data) for name, data in contents.items()}
     return {name: marker for name, marker in found.items() if marker is not None}
 
 
@@ -305,13 +315,13 @@ def _fits(content: Any, types: Mapping[str, Any]) -> bool:
 
 
 def _finished(
-    store: Store, keys: Iterable[ShardKey | str], head: Mapping[str, Any]
+    store: Store, keys: Iterable[ShardKey | str], head: Mapping[str, Any], *, skip_unreadable: bool = False
 ) -> dict[ShardKey | str, dict[str, Any]]:
     """Return the valid markers of a dataset's configuration and input files, of shards and static tables."""
     names = {marker_path(key).as_posix(): key for key in keys}
     found = {
         names[name]: marker
-        for name, marker in _markers(store, names).items()
+        for name, marker in _markers(store, names, skip_unreadable=skip_unreadable).items()
         if key_of(marker) == names[name] and marker["schema_version"] == SCHEMA_VERSION and is_of(marker, head)
     }
     sizes = store.sizes({file["path"] for marker in found.values() for file in marker["files"]})

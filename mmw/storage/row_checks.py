@@ -58,6 +58,7 @@ class CountRows(Protocol):
 
     def __call__(self, chunk: Chunk, tables: Mapping[str, pa.Table]) -> Iterator[Finding]:
         """Yield what is wrong with the number of rows; `tables` has a column `SHARD`, and text, not dictionaries."""
+        ...
 
 
 def check_chunk(chunk: Chunk, count_rows: CountRows | None) -> Iterator[Finding]:

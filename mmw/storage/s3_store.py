@@ -26,6 +26,7 @@ from mmw.core.file_names import path_inside
 from mmw.core.resources import cache_dir
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError, write_bytes_atomically
+from mmw.storage.s3_client import CHECKSUMS, is_chunked, open_client
 from mmw.storage.store import DATASET, Store
 
 RETRY_DELAYS_S = (1.0, 5.0, 25.0)
@@ -53,6 +54,11 @@ CAUSES = (
         r"PermanentRedirect|AuthorizationHeaderMalformed|HTTP status 301",
         "the bucket is in another region",
         "name it in the address: ?region=NAME",
+    ),
+    (
+        "MissingContentLength|HTTP status 411",
+        "the server does not take aws-chunked uploads",
+        f"set {CHECKSUMS}=when_required, or unset it and name the endpoint in the address (endpoint_override)",
     ),
     (
         r"ACCESS_DENIED|HTTP status 40[13]",
@@ -126,6 +132,9 @@ class Bucket(Store):
         except StoreError as error:
             raise InputError(str(error)) from error
 
+    def check_present(self) -> None:
+        """Do nothing: each upload is complete by itself, and the last step of a run reads the dataset's identity."""
+
     def read(self, name: str) -> bytes | None:
         def read() -> bytes | None:
             try:
@@ -136,7 +145,7 @@ class Bucket(Store):
 
         return self._request("read", name, read)
 
-    def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
+    def read_all(self, names: Iterable[str], *, skip_unreadable: bool = False) -> dict[str, bytes]:
         names = list(names)
         if len(names) > MAX_SINGLE_LOOKUPS:
             tops = sorted({name.partition("/")[0] for name in names})
@@ -191,6 +200,7 @@ class Bucket(Store):
         head = head or self.read(DATASET)
         if head is not None:
             self.write_atomically(DATASET, head)  # unchanged if it exists: this tests early that the bucket is writable
+            self._check_plain(DATASET)
         self.folder.mkdir(parents=True, exist_ok=True)
         is_whole = self._part == "0-of-1"  # then no other run uses this folder
         for other in self._staging.iterdir():
@@ -232,6 +242,19 @@ class Bucket(Store):
         with tempfile.TemporaryDirectory(prefix="mmw-") as folder:
             self._download(self._expand(names), Path(folder))
             yield Path(folder)
+
+    def _check_plain(self, name: str) -> None:
+        """Check that the server stored a text as it was uploaded, not as it was sent.
+
+        Raises:
+            StoreError: If not: nothing that is written there could be read.
+        """
+        if is_chunked(self.read(name) or b""):
+            raise StoreError(
+                f"{self.location(name)}: is stored with the framing of its upload: this server does not decode "
+                f"aws-chunked uploads; set {CHECKSUMS}=when_required, or unset it and name the endpoint in the address "
+                "(endpoint_override), and make the dataset again with --overwrite"
+            )
 
     def _local_sizes(self, names: Iterable[str]) -> dict[str, int]:
         """Return the sizes [bytes] of files in `folder`; a folder is replaced by its files."""
@@ -290,17 +313,12 @@ class Bucket(Store):
     @cached_property
     def _system(self) -> pafs.FileSystem:
         """File system of the bucket; objects are uploaded in parts."""
-        return pafs.FileSystem.from_uri(self.address)[0]
+        return open_client(self.address)
 
     @cached_property
     def _single(self) -> pafs.FileSystem:
-        """File system of the bucket; small objects are uploaded by one request. If the first request for a large object
-        failed, Arrow would leave an empty object."""
-        sign = "&" if "?" in self.address else "?"
-        try:
-            return pafs.FileSystem.from_uri(f"{self.address}{sign}allow_delayed_open=true")[0]
-        except pa.ArrowInvalid:
-            return self._system  # before version 20 Arrow has no such option
+        """File system of the bucket; small objects are uploaded by one request."""
+        return open_client(self.address, is_delayed=True)
 
     def _request(
         self, verb: str, name: str, send: Callable[[], Result], delays_s: tuple[float, ...] | None = None

@@ -209,7 +209,7 @@ def _write_files(
     files = []
     for name, rows, data in encoded:
         path = table_path(name, key)
-        write_bytes_atomically(root.folder / path, data)
+        _write(root, path, data)
         digest = hashlib.sha256(data).hexdigest()
         files.append({"table": name, "path": path.as_posix(), "rows": rows, "bytes": data.nbytes, "sha256": digest})
     static = {"scenario": key, "weather": None, "frame_begin": None, "frame_end": None}
@@ -222,6 +222,15 @@ def _write_files(
         "files": files,
     }
     last = marker_path(key)
-    write_bytes_atomically(root.folder / last, json.dumps(marker, indent=1).encode())
+    _write(root, last, json.dumps(marker, indent=1).encode())
     root.upload([file["path"] for file in files], last.as_posix(), remove_local=isinstance(key, ShardKey))
     return marker
+
+
+def _write(root: Store, path: Path, data: bytes | memoryview) -> None:
+    root.check_present()
+    try:
+        write_bytes_atomically(root.folder / path, data)
+    except FileNotFoundError:
+        root.check_present()  # it says more
+        raise

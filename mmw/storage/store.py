@@ -2,15 +2,16 @@
 
 import os
 import shutil
+import stat
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
-from mmw.storage.atomic_files import DISK_FULL, OutOfSpaceError, write_bytes_atomically
+from mmw.storage.atomic_files import DISK_FULL, OutOfSpaceError, StoreError, write_bytes_atomically
 
 DATASET = "dataset.json"
 """File that identifies a dataset: configuration, its hash, versions."""
@@ -34,6 +35,7 @@ class Store:
         """Store the path of the folder, which need not exist."""
         self._root = Path(root)
         self.address = str(self._root)
+        self._is_begun = False
 
     def __str__(self) -> str:
         return self.address
@@ -54,7 +56,9 @@ class Store:
 
     def resolved(self) -> "Store":
         """Return the store by an absolute name, valid in any working directory and on machines that share it."""
-        return Store(self._root.absolute())
+        store = Store(self._root.absolute())
+        store._is_begun = self._is_begun
+        return store
 
     def check_writable(self) -> None:
         """Check that the store can be reached and written to.
@@ -76,16 +80,37 @@ class Store:
                 raise OutOfSpaceError(f"{root}: no space left to create it; free some space and run again") from error
             raise InputError(f"{root}: cannot be created ({error.strerror}); give another --out") from error
 
-    def read(self, name: str) -> bytes | None:
-        """Return the content of a file; None if it does not exist."""
-        path = self._root / name
-        return path.read_bytes() if path.is_file() else None
+    def check_present(self) -> None:
+        """Check that the dataset is still where `start_writing` began it: else its rest would go into a new folder.
 
-    def read_all(self, names: Iterable[str]) -> dict[str, bytes]:
-        """Return the contents of the files that can be read."""
+        Raises:
+            StoreError: If not.
+        """
+        if self._is_begun and not (self._root / DATASET).is_file():
+            raise StoreError(f"{self}: was removed or moved while it was written; run the same command to begin anew")
+
+    def read(self, name: str) -> bytes | None:
+        """Return the content of a file; None if it does not exist.
+
+        Raises:
+            OSError: If it cannot be read, or nobody can say whether it exists.
+        """
+        path = self._root / name
+        try:
+            is_file = stat.S_ISREG(path.stat().st_mode)  # Path.is_file hides a lack of permission, in some versions
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        return path.read_bytes() if is_file else None
+
+    def read_all(self, names: Iterable[str], *, skip_unreadable: bool = False) -> dict[str, bytes]:
+        """Return the contents of the files that exist.
+
+        Raises:
+            OSError: As `read`, unless `skip_unreadable`.
+        """
         found = {}
         for name in names:
-            with suppress(OSError):
+            with suppress(OSError) if skip_unreadable else nullcontext():
                 if (data := self.read(name)) is not None:
                     found[name] = data
         return found
@@ -105,9 +130,17 @@ class Store:
         return sorted(path.name for path in self._root.iterdir()) if self._root.is_dir() else []
 
     def names(self, folder: str = "") -> list[str]:
-        """Return the names of all files below a folder, sorted; links and special files, such as pipes, are files."""
-        found = (path for path in (self._root / folder).rglob("*") if path.is_symlink() or not path.is_dir())
-        return sorted(path.relative_to(self._root).as_posix() for path in found)
+        """Return the names of all files below a folder, sorted; links and special files, such as pipes, are files.
+
+        Raises:
+            OSError: If a folder cannot be listed.
+        """
+        found = []
+        for place, folders, files in os.walk(self._root / folder, onerror=_raise_unless_missing):
+            links = [name for name in folders if Path(place, name).is_symlink()]
+            below = Path(place).relative_to(self._root).as_posix()  # once a folder: of many files, paths take long
+            found += [name if below == "." else f"{below}/{name}" for name in (*links, *files)]
+        return sorted(found)
 
     def sizes(self, names: Collection[str]) -> dict[str, int]:
         """Return the sizes [byte] of the files that exist."""
@@ -142,6 +175,7 @@ class Store:
         """
         if head is not None:
             self.write_atomically(DATASET, head)
+        self._is_begun = True
 
     def upload(self, names: Iterable[str], last: str, *, remove_local: bool = False) -> None:
         """Make files of `folder` a part of the dataset, `last` only after all others are complete.
@@ -168,6 +202,11 @@ class Store:
     def local_copy(self, *names: str) -> Iterator[Path]:
         """Provide a read-only folder on this machine with some files and folders of the dataset."""
         yield self._root
+
+
+def _raise_unless_missing(error: OSError) -> None:
+    if not isinstance(error, FileNotFoundError | NotADirectoryError):
+        raise error
 
 
 Root = str | Path | Store

@@ -121,6 +121,19 @@ def test_a_folder_that_takes_no_log_file(tmp_path, monkeypatch) -> None:
     assert code == 1 and "Traceback" in err and "the trace is above" in err
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="Linux has a file that is always full")
+def test_a_log_file_on_a_full_disk_is_said_once(logs, capsys) -> None:
+    with log.logging_to_file("mmw run", debug=False) as path:
+        path.unlink()
+        path.symlink_to("/dev/full")
+        (handler,) = (handler for handler in log.ROOT.handlers if isinstance(handler, logging.FileHandler))
+        handler.stream.close()
+        handler.stream = handler._open()
+        for number in range(3):
+            logging.getLogger("mmw.somewhere").info("found %d", number)
+    assert capsys.readouterr().err == f"mmw: {path}: No space left on device; the log ends here\n"
+
+
 def test_old_log_files_are_removed(logs) -> None:
     logs.mkdir()
     for number in range(log.MAX_FILES + 3):

@@ -58,7 +58,7 @@ class PlannedRows:
         self.findings: list[Finding] = []
         for scenario in config.scenarios:
             name = marker_path(scenario.name).as_posix()
-            marker = named_markers(store, [name]).get(name, {})
+            marker = named_markers(store, [name], skip_unreadable=True).get(name, {})
             try:
                 self._counts[scenario.name] = expected_counts(config, scenario, marker.get("actors"))
             except ValueError as error:
@@ -131,7 +131,7 @@ def check_plan(store: Store, config: Config) -> list[Finding]:
     """
     names = [scenario.name for scenario in config.scenarios]
     keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
-    findings, open_keys = [], pending(store, [*names, *keys])
+    findings, open_keys = [], pending(store, [*names, *keys], skip_unreadable=True)
     there = store.sizes([marker_path(key).as_posix() for key in open_keys])
     for key in open_keys:
         name = marker_path(key).as_posix()
