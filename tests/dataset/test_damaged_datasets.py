@@ -14,7 +14,7 @@ import pytest
 import mmw
 from mmw.__main__ import main
 from mmw.dataset.export.exporter import export
-from tests.fixtures.edit_files import edit_json
+from tests.fixtures.edit_files import agree, edit_json
 from tests.fixtures.small_dataset import copy_of, part, small_dataset
 
 POSES, LIDAR = part("poses", "sunny", 2), part("lidar", "sunny", 2)
@@ -174,3 +174,50 @@ def test_unreadable_files_are_named(root: Path, path: str, named: str) -> None:
     (root / path).chmod(0o755)
     for words in (text, other):
         assert f"{root / named}: cannot be read (Permission denied)" in words
+
+
+def change_column(root: Path, path: str, change: Callable[[pa.Table, int], pa.Table], column: str) -> None:
+    rows = pq.ParquetFile(root / path).read()
+    pq.write_table(change(rows, rows.column_names.index(column)), root / path)
+
+
+def with_values(values: Callable[[int], pa.Array]) -> Callable[[pa.Table, int], pa.Table]:
+    return lambda rows, index: rows.set_column(index, rows.column_names[index], values(rows.num_rows))
+
+
+COLUMN_DAMAGES = {
+    "dropped": (lambda rows, index: rows.remove_column(index), "has no column "),
+    "twice": (lambda rows, index: rows.append_column(rows.column_names[index], rows.column(index)), "has the column "),
+    "struct": (with_values(lambda count: pa.array([{"a": 1}] * count)), "column "),
+    "time": (with_values(lambda count: pa.array([0] * count, pa.timestamp("us"))), "column "),
+}
+
+
+@pytest.mark.parametrize("frame", [0, 2], ids=["first file", "later file"])
+@pytest.mark.parametrize("column", ["z", "frame"])
+@pytest.mark.parametrize("damage", COLUMN_DAMAGES)
+def test_a_damaged_column_is_named(
+    root: Path, tmp_path: Path, damage: str, column: str, frame: int, capsys: pytest.CaptureFixture
+) -> None:
+    change, words = COLUMN_DAMAGES[damage]
+    file = part("poses", "rainy" if frame == 0 else "sunny", frame)
+    change_column(root, file, change, column)
+    agree(root)
+    words = f"{root / file}: {words}{column}"
+    assert words in message_of(lambda: read_all(root, "poses"))
+    if frame == 0:  # DuckDB's view has the columns of the first file
+        assert words in message_of(lambda: mmw.connect(root))
+    for form in ("deepmimo", "v1"):
+        assert main(["export", form, str(root), str(tmp_path / form), "scenario=town03_roundabout"]) == 2
+        assert words in capsys.readouterr().err
+    assert main(["verify", str(root), "--frames", "1"]) == 1
+    captured = capsys.readouterr()
+    assert f"schema: {file}" in captured.out and "internal error" not in captured.err
+
+
+def test_an_image_that_is_null_is_named(root: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    file = part("rgb")
+    type_ = pq.read_schema(root / file).field("image").type
+    change_column(root, file, with_values(lambda count: pa.nulls(count, type_)), "image")
+    assert main(["export", "kitti", str(root), str(tmp_path / "out"), "rate=50"]) == 2
+    assert "table 'rgb': image is null in " in capsys.readouterr().err

@@ -200,7 +200,7 @@ class Block:
         """Return the rows of a table; `frame` is among the columns.
 
         Raises:
-            InputError: If the name of an agent or sensor cannot be that of a file.
+            InputError: If the name of an agent or sensor cannot be that of a file, or an image is null.
         """
         rows = self.dataset.read(
             name, columns=columns, scenario=self.scenario, weather=self.weather, frames=_frame_range(self.frames),
@@ -210,6 +210,11 @@ class Block:
         for kind in set(NAMES) & set(rows.column_names):
             for text in rows[kind].unique().drop_null().to_pylist():
                 check_file_name(text, kind, self.dataset.root)
+        if "image" in rows.column_names and (count := rows["image"].null_count):
+            raise InputError(
+                f"{self.dataset.root}: table {name!r}: image is null in {count} rows of {self.weather}; "
+                "an export needs each; pick other frames"
+            )
         return rows
 
 

@@ -186,7 +186,7 @@ def plot_path_history(
         plain_axes(one)
     axes[2].set_xlabel("time [s]")
     canvas.align_ylabels(axes)
-    canvas.colorbar(points, ax=axes[1:], label="path gain |a|$^2$ [dB]")
+    canvas.colorbar(points, ax=axes[1:], label="path gain |a|² [dB]")
     canvas.suptitle(f"{tx} to {rx} at {carrier_hz / 1e9:g} GHz: {scenario}, {weather}", fontsize="large")
     return canvas
 
@@ -222,7 +222,7 @@ def _draw_beams(axes: Any, frame: np.ndarray, tx_beam: np.ndarray, rx_beam: np.n
 def _draw_profile(axes: Any, link: Link, frame: int) -> None:
     gain = gains_db(link)
     axes.set_title(f"power-delay profile, frame {frame}", fontsize="medium")
-    axes.set(xlabel="delay [ns]", ylabel="path gain |a|$^2$ [dB]")
+    axes.set(xlabel="delay [ns]", ylabel="path gain |a|² [dB]")
     plain_axes(axes)
     if not len(gain):
         axes.text(0.5, 0.5, "no path", transform=axes.transAxes, ha="center", color="0.4")

@@ -83,7 +83,7 @@ def plot_paths(
     lines = draw_paths_above(above, found, link, strongest=strongest)
     draw_paths_aside(aside, found, link, strongest=strongest)
     if lines is not None:
-        canvas.colorbar(lines, ax=[above, aside], label="path gain |a|$^2$ [dB]", shrink=0.85, pad=0.01)
+        canvas.colorbar(lines, ax=[above, aside], label="path gain |a|² [dB]", shrink=0.85, pad=0.01)
     gain = "no path" if link.gain_db is None else f"{len(link.a)} paths, {link.gain_db:.1f} dB"
     sight = "line of sight" if link.is_los else "blocked"
     canvas.suptitle(

@@ -26,8 +26,9 @@ STYLE = {
     "svg.fonttype": "none", "svg.hashsalt": "mmw", "font.family": "sans-serif", "font.size": 9.0,
     "font.sans-serif": ["DejaVu Sans"], "text.color": COLORS["ink"], "axes.labelcolor": COLORS["muted"],
     "xtick.color": COLORS["muted"], "ytick.color": COLORS["muted"], "axes.edgecolor": COLORS["muted"],
+    "text.parse_math": False,
 }  # fmt: skip
-"""Settings under which figures are made and written: texts stay texts, equal figures give equal bytes."""
+"""Settings under which figures are made and written: texts stay texts, names with $ too; equal figures, equal bytes."""
 
 THUMB_PX, DPI = (320, 240), 100
 """Width and height of a small picture [px], and its resolution. Design values."""

@@ -29,9 +29,10 @@ NAMES = {
     "long": "n" * 5000,
     "markup": "<script>alert(1)</script>",
     "lines": "a\nmmw: all is well\x1b[2J",
+    "math": "a$\\nofont$\\{",
     "backslash": "..\\..\\x",
 }
-SLOW = ("up", "empty", "nul", "long", "backslash")
+SLOW = ("up", "empty", "nul", "long", "backslash", "math")
 """Names that `test_one_function_says_it` checks alone where slow tests are left out."""
 OPTIONS = {
     "deepmimo": ["scene=off", "frames=0:1"],
@@ -131,9 +132,10 @@ def test_the_town_of_the_configuration_names_a_folder(place: Path, town: str, ca
     assert code in (0, 2) and "internal error" not in capsys.readouterr().err
 
 
+@pytest.mark.filterwarnings("ignore:Glyph:UserWarning")  # the font has no picture of a control character
 @pytest.mark.parametrize("kinds", [("agent", "sensor", "category"), ("scenario", "weather")], ids=["rows", "folders"])
 @pytest.mark.parametrize(
-    "name", ["markup", *(pytest.param(name, marks=pytest.mark.slow) for name in ("parents", "lines"))]
+    "name", ["markup", *(pytest.param(name, marks=pytest.mark.slow) for name in ("parents", "lines", "math"))]
 )
 def test_reports_and_views(place: Path, kinds: tuple[str, ...], name: str, capsys: pytest.CaptureFixture) -> None:
     for kind in kinds:
