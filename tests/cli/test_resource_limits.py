@@ -1,6 +1,8 @@
 """Commands that meet a limit of the system: one line that names file and cure, exit code 1, and a rerun completes."""
 
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,7 +13,6 @@ from filelock import FileLock
 from mmw.__main__ import main as mmw_main
 from mmw.cli.run import main
 from mmw.storage import shard_writer
-from tests.cli.test_command import run_python
 from tests.fixtures.own_world import command, table_files
 from tests.fixtures.privileges import change_modes, permissions_hold
 
@@ -160,8 +161,9 @@ def test_a_shard_that_may_not_be_read_is_a_finding(complete: Path, capsys: pytes
 
 def test_no_thread_can_be_started() -> None:
     """A limit of the address space that the process already fills."""
-    code, error = run_python(NO_THREAD)
-    assert code == 1 and error.count("\n") == 1
+    done = subprocess.run([sys.executable, "-c", NO_THREAD], capture_output=True, text=True, timeout=600)
+    error = done.stderr
+    assert done.returncode == 1 and error.count("\n") == 1
     assert error.startswith("mmw: no thread can be started (can't start new thread); raise the limit of memory")
     assert error.endswith(f"{FINISHED}\n")
 
