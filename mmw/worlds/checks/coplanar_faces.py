@@ -18,7 +18,7 @@ ANGLE_RAD = np.radians(0.1)
 PENETRATION_M = 1.0e-3
 """Faces whose interiors reach into each other by less than this only touch [m]: float32 seams and welds."""
 
-MAX_OVERLAPS = 1_000_000
+MAX_OVERLAPS = 200_000
 """Overlapping pairs that are kept; design value, a shipped town has none that are visible."""
 
 MIN_AREA_M2 = 1.0e-3
