@@ -6,6 +6,7 @@ modules, and processes divide them: the others load a compiled module from Warp'
 """
 
 import os
+import threading
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -98,6 +99,11 @@ def _open(device: str) -> None:
         found.make_current()
 
 
+_PARSING = threading.Lock()
+"""Held while a module of kernels is imported: Warp parses its source, and CPython's `ast.parse` in two threads at once
+may end in a SystemError (CPython issue 106905)."""
+
+
 def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future[None]) -> None:
     """Compile and load waiting modules; one that another worker is compiling goes to the end of the queue."""
     opened.result()
@@ -108,7 +114,9 @@ def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future
             return
         try:
             with exclusive_lock(kernel_cache(), lock_name(name, block), timeout_s=0.0):
-                wp.load_module(import_module(f"mmw.kernels.{name}"), device=device, block_dim=block, max_workers=0)
+                with _PARSING:
+                    module = import_module(f"mmw.kernels.{name}")
+                wp.load_module(module, device=device, block_dim=block, max_workers=0)
         except Timeout:
             waiting.append((name, block))
             time.sleep(POLL_S)

@@ -12,7 +12,7 @@ from mmw.kernels.core.box_pairs import pairs_kernel
 CHUNK = 2_000_000
 """Pairs that are looked at together; bounds the memory."""
 
-MAX_PAIRS = 100_000_000
+MAX_PAIRS = 50_000_000
 """Pairs that are looked at in all; design value, a shipped town has a few million."""
 
 Pairs = tuple[np.ndarray, np.ndarray]

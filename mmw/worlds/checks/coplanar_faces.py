@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.core.errors import InputError
 from mmw.worlds.checks.box_pairs import area_and_centre, clip, own_pairs, spiral
 from mmw.worlds.checks.findings import Finding, as_place
 from mmw.worlds.checks.stage_model import StageModel
@@ -16,6 +17,9 @@ ANGLE_RAD = np.radians(0.1)
 
 PENETRATION_M = 1.0e-3
 """Faces whose interiors reach into each other by less than this only touch [m]: float32 seams and welds."""
+
+MAX_OVERLAPS = 200_000
+"""Overlapping pairs that are kept; design value, a shipped town has none that are visible."""
 
 MIN_AREA_M2 = 1.0e-3
 """Overlap of two prims that is reported [m2]; design value, 10 cm2."""
@@ -70,7 +74,16 @@ def find_overlaps(corners: np.ndarray, normal: np.ndarray, area: np.ndarray) -> 
     slack = _SHARE_OF_CELL * ANGLE_RAD
     low = np.concatenate([own.min(axis=1) - 0.5 * PLANE_M, key - slack], axis=1)
     high = np.concatenate([own.max(axis=1) + 0.5 * PLANE_M, key + slack], axis=1)
-    found = [_overlap(corners, normal, area, chosen[i], chosen[j]) for i, j in own_pairs(low, high) if len(i)]
+    found: list[tuple[np.ndarray, ...]] = []
+    count = 0
+    for i, j in own_pairs(low, high):
+        if len(i):
+            found.append(_overlap(corners, normal, area, chosen[i], chosen[j]))
+            count += len(found[-1][0])
+        if count > MAX_OVERLAPS:
+            raise InputError(
+                f"the stage: over {MAX_OVERLAPS:,} pairs of its faces lie on each other; remove repeated ones"
+            )
     if not found:
         return Overlaps(*(np.zeros((0,), dtype=int),) * 2, np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=bool))
     return Overlaps(*(np.concatenate(column) for column in zip(*found, strict=True)))
