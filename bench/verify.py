@@ -1,7 +1,7 @@
 """Measure `mmw verify`: `python -m bench.verify --shards 1000`.
 
 A dataset of shards of one frame, the worst case, is made once in a temporary folder or taken from DATASET. The time of
-`mmw verify` is then divided into reading (files, SHA-256, Parquet) and all else, which is what the checks themselves take.
+`mmw verify` is then divided into reading (files, SHA-256, Parquet) and all else, the checks themselves.
 """
 
 import argparse
@@ -86,7 +86,8 @@ def main() -> None:
         for _ in range(arguments.repeats):
             whole, reading = measure(root, arguments.frames)
             print(
-                f"{shards} shards, {files} files: {whole:.2f} s, of which reading {reading:.2f} s, else {whole - reading:.2f} s"
+                f"{shards} shards, {files} files: {whole:.2f} s, of which reading {reading:.2f} s, "
+                f"checks {whole - reading:.2f} s"
             )
 
 

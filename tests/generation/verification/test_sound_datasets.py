@@ -12,10 +12,8 @@ from mmw.__main__ import main as mmw
 from mmw.cli.run import main
 from mmw.storage import atomic_files
 from tests.fixtures.own_world import DATA, SMALL, run_own, write_own_world
-from tests.fixtures.s3_server import Server, s3
 from tests.fixtures.small_dataset import small_dataset
 
-__all__ = ["s3"]
 pytestmark = pytest.mark.slow
 
 
@@ -131,9 +129,3 @@ def copied(folder: Path, out: str) -> None:
 def test_histories(folder: Path, make: Callable[[Path, str], None], capsys: pytest.CaptureFixture) -> None:
     make(folder, make.__name__)
     assert_sound(folder / make.__name__, capsys)
-
-
-def test_a_bucket(folder: Path, s3: Server, capsys: pytest.CaptureFixture) -> None:
-    address = s3.address("sound")
-    assert main(["--config", str(folder / "mine.yaml"), *SMALL, "--out", address, "--device", "cpu"]) == 0
-    assert_sound(address, capsys)
