@@ -10,7 +10,7 @@ from pxr import Usd, UsdGeom
 from mmw.core.errors import InputError
 from mmw.core.transforms import continuous, quaternion_from_matrix
 from mmw.usd.builtin_shapes import SHAPES
-from mmw.usd.meshes import FoundMesh, MeshReader, semantic_label
+from mmw.usd.meshes import MAX_NUMBER_M, FoundMesh, MeshReader, semantic_label
 from mmw.usd.prim_values import ancestors, attribute_value, decimals
 
 ROLES = ("cav", "vehicle", "rsu", "pedestrian")
@@ -122,6 +122,10 @@ def _rigid_poses(actors: list[FoundActor], times: np.ndarray, metres: np.ndarray
         cache.SetTime(time)
         for column, actor in enumerate(actors):
             matrices[row, column] = cache.GetLocalToWorldTransform(actor.prim)
+    for column in np.flatnonzero(~(np.abs(matrices) <= MAX_NUMBER_M).all(axis=(0, 2, 3))):  # NaN too
+        raise InputError(
+            f"{actors[column].path}: its transform is not finite, or beyond {MAX_NUMBER_M:g}; correct its xformOps"
+        )
     # Both sides change their frame: the actor's own axes become ours (z up, meters) too.
     matrices = np.linalg.inv(metres) @ matrices @ metres
     rigid = _orthonormal(matrices[..., :3, :3], actors)

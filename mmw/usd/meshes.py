@@ -256,7 +256,7 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
     """Return the stage's world to ours (z up, meters), row vectors, shape [4, 4].
 
     Raises:
-        InputError: If the stage's up axis is neither Y nor Z.
+        InputError: If the stage's up axis is neither Y nor Z, or its unit is no length.
     """
     up = UsdGeom.GetStageUpAxis(stage)
     if up == UsdGeom.Tokens.z:
@@ -265,8 +265,13 @@ def to_metres(stage: Usd.Stage) -> np.ndarray:
         turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # (x, y, z) -> (x, -z, y)
     else:
         raise InputError(f"{stage.GetRootLayer().identifier}: upAxis = {up}; Y and Z are read; turn the stage")
+    unit = UsdGeom.GetStageMetersPerUnit(stage)
+    if not 1e-9 <= unit <= 1e9:
+        raise InputError(
+            f"{stage.GetRootLayer().identifier}: metersPerUnit = {unit:g}; 1e-9 to 1e9 is needed; set it, 1 for meters"
+        )
     matrix = np.eye(4)
-    matrix[:3, :3] = turn * UsdGeom.GetStageMetersPerUnit(stage)
+    matrix[:3, :3] = turn * unit
     return matrix
 
 

@@ -19,7 +19,7 @@ class Step:
     """One command or call; what it prints is held against the rules of `run_step`."""
 
     text: str
-    """What to type to repeat it."""
+    """Command or call, for a message."""
     work: Callable[[], object]
     is_command: bool = True
 

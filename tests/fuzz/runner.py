@@ -31,7 +31,7 @@ START_S = 900.0
 
 @dataclass
 class Result:
-    """What came out of a run."""
+    """Counts and faults of a run."""
 
     kind: str
     seed: int

@@ -13,6 +13,7 @@ import pytest
 
 from mmw.__main__ import main as mmw_main
 from mmw.cli.run import main
+from mmw.storage import s3_store
 from mmw.storage.s3_store import MAX_SINGLE_PUT_BYTES, Bucket
 from tests.fixtures import own_world
 from tests.fixtures.faulty_proxy import Fault, Proxy
@@ -135,7 +136,8 @@ def test_faults_of_the_network_change_nothing(rclone_server, proxy, world, few, 
 
 
 @pytest.mark.slow
-def test_a_server_that_dies_ends_a_run_that_goes_on(rclone_server, proxy, world, local, capsys) -> None:
+def test_a_server_that_dies_ends_a_run_that_goes_on(rclone_server, proxy, world, local, capsys, monkeypatch) -> None:
+    monkeypatch.setattr(s3_store, "RETRY_DELAYS_S", ())  # the client's own retries take long enough
     numbers = count(1)
 
     def die(method: str, path: str) -> None:

@@ -1,14 +1,18 @@
 """The YAML file of a town: cross-sections, nodes, roads, junctions, roundabouts, terrain; blocks and props besides."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from mmw.config.section import Name, Section, Vec3
-from mmw.config.yaml_file import read_yaml, validated
+from mmw.config.yaml_file import ConfigError, read_yaml, validated
+from mmw.config.yaml_loader import short
 from mmw.core.errors import InputError
 from mmw.worlds.towns.block_description import BlockDescription
+
+MAX_NUMBER = 20_000
+"""Largest number of a description but its seeds: the reach of a world [m], see `mmw.worlds.importers.mesh_cleanup`."""
 
 Identifier = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=40)]
 """A name that becomes part of a prim path."""
@@ -148,6 +152,17 @@ class TownDescription(BlockDescription):
         return self
 
 
+def _check_reach(path: Path, content: Any, key: str = "") -> None:
+    """Raise ConfigError for a number that no length of a town has: things are placed every few meters up to there."""
+    inner = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for name, value in inner:
+        if isinstance(value, int | float) and name != "seed" and not abs(value) <= MAX_NUMBER:
+            raise ConfigError(
+                [f"{path}: {key}{name} = {short(value, 30)}: -{MAX_NUMBER:,} to {MAX_NUMBER:,} is needed; correct it"]
+            )
+        _check_reach(path, value, f"{key}{name}.")
+
+
 def load_town(path: str | Path) -> TownDescription:
     """Return the description that a town's YAML file holds.
 
@@ -157,4 +172,5 @@ def load_town(path: str | Path) -> TownDescription:
     """
     path = Path(path)
     data = read_yaml(path, "a map with name, profiles, nodes and roads")
+    _check_reach(path, data)
     return validated(TownDescription, {key: value for key, value in data.items() if value is not None}, path)

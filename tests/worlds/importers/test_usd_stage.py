@@ -216,6 +216,8 @@ TENFOLD = FLAT + "".join(
         (TENFOLD.replace("references", "instanceable = true\nreferences"), "would become over 2,000,000 prims"),
         ('def "A" (references = </B>) {}\ndef "B" (references = </A>) {}', "do not resolve"),
         ("(subLayers = [@./a.usda@])", "do not resolve"),
+        ("(metersPerUnit = 0)" + "\n" + FLAT, "metersPerUnit = 0; 1e-9 to 1e9 is needed"),
+        (FLAT.replace("int[] faceVertexCounts", "string faceVertexCounts").replace("[3]", '"3"'), "numbers are needed"),
         (
             FLAT.replace("[3]", "[-1, 4]"),
             "/L0: a face has -1 corners",

@@ -249,6 +249,7 @@ def test_what_cannot_be_built_is_refused(town: dict[str, Any], message: str) -> 
     [
         ({"profil": {}}, "profil = {}: unknown key; did you mean `profiles`"),
         ({"corner_radius": 1}, "corner_radius = 1: .*greater than or equal to 3"),
+        ({"nodes": {"A": [1e6, 0, 0]}}, "nodes.A.0 = 1000000.0: -20,000 to 20,000 is needed"),
         ({"junctions": {"Q": {}}}, "'Q' is no node"),
         ({"roads": [{"id": "r", "from": "A", "to": "Z", "profile": "street"}]}, "road 'r': to = 'Z'; nodes are: A, B"),
         ({"roads": [{"id": "r", "from": "A", "to": "B", "profile": "x"}]}, "profile = 'x'; profiles are: street, wide"),
