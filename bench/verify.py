@@ -18,6 +18,7 @@ import pyarrow.parquet as pq
 
 from mmw.cli.run import main as run
 from mmw.cli.verify import check
+from mmw.dataset import Dataset
 from mmw.storage.store import Store
 
 RUN = (
@@ -58,6 +59,7 @@ def measure(root: Path, frames: int) -> tuple[float, float]:
         patch.object(pq.ParquetFile, "__init__", reading.timed(pq.ParquetFile.__init__)),
         patch.object(pq.ParquetFile, "read", reading.timed(pq.ParquetFile.read)),
         patch.object(pq, "read_table", reading.timed(pq.read_table)),
+        patch.object(Dataset, "read", reading.timed(Dataset.read)),
     ):
         began = time.perf_counter()
         findings = check(root, frames)

@@ -20,7 +20,7 @@ from mmw.storage.parquet_writer import ROWS
 from mmw.storage.row_checks import Chunk, CountRows, check_chunk, columns_to_read
 from mmw.storage.schema_checks import schema_problem
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
-from mmw.storage.shard_writer import FILE_META, MARKERS, ShardKey, key_of, marker_path, table_path
+from mmw.storage.shard_writer import FILE_META, MARKERS, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 from mmw.storage.table_spec import TableSpec
 
@@ -53,8 +53,8 @@ def _find(store: Store, count_rows: CountRows | None) -> Iterator[Finding]:
             yield Finding("marker", name, "cannot be read; run the configuration again")
     listed: dict[str, dict] = {}
     chunk = Chunk("")
-    columns = {} if count_rows is None else count_rows.columns
-    tables = {table: (spec, arrow_schema(spec)) for table, spec in TABLES.items()}
+    more = {} if count_rows is None else count_rows.columns
+    tables = {name: _Layout(spec, more.get(name, ())) for name, spec in TABLES.items()}
     for name, marker in markers.items():
         yield from _check_version(name, marker["schema_version"])
         key = key_of(marker)
@@ -65,12 +65,14 @@ def _find(store: Store, count_rows: CountRows | None) -> Iterator[Finding]:
             yield from check_chunk(chunk, count_rows)
             chunk = Chunk(marker["scenario"])
         chunk.keys.append(key)
+        place = table_path("", key).as_posix()
         for file in marker["files"]:
-            found = list(_check_listed(file, marker, key, head, listed))
+            if file["path"] != f"{file['table']}/{place}":
+                yield Finding("marker", name, f"lists {file['path']}, which is no file of {key}")
+                continue
+            found = list(_check_listed(file, marker, head, listed))
             if not found:
-                found = list(
-                    _check_file(store, file, marker, tables.get(file["table"]), chunk, columns.get(file["table"], ()))
-                )
+                found = list(_check_file(store, file, marker, tables.get(file["table"]), chunk))
             if found:
                 chunk.wrong.add(len(chunk.keys) - 1)
             listed.setdefault(file["path"], file)
@@ -130,14 +132,10 @@ def _check_version(path: str, text: str) -> Iterator[Finding]:
         yield Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")
 
 
-def _check_listed(
-    file: dict, marker: dict, key: ShardKey | str, head: Mapping[str, Any], listed: Mapping[str, dict]
-) -> Iterator[Finding]:
+def _check_listed(file: dict, marker: dict, head: Mapping[str, Any], listed: Mapping[str, dict]) -> Iterator[Finding]:
     """Yield what is wrong with the entry of a file in a marker."""
     path = file["path"]
-    if path != table_path(file["table"], key).as_posix():
-        yield Finding("marker", marker_path(key).as_posix(), f"lists {path}, which is no file of {key}")
-    elif path in listed:
+    if path in listed:
         yield Finding("marker", path, "two markers list the file")
     elif marker["config_sha256"] != head["config_sha256"]:
         yield Finding("config", path, f"made by configuration {marker['config_sha256'][:12]}")
@@ -145,14 +143,15 @@ def _check_listed(
         yield Finding("inputs", path, "made from other input files than the dataset was begun with")
 
 
-def _check_file(
-    store: Store,
-    file: dict,
-    marker: dict,
-    table: tuple[TableSpec, pa.Schema] | None,
-    chunk: Chunk,
-    columns: Sequence[str],
-) -> Iterator[Finding]:
+class _Layout:
+    """Columns of a table, worked out once for all its files."""
+
+    def __init__(self, spec: TableSpec, more: Sequence[str]) -> None:
+        self.spec, self.schema, self.more = spec, arrow_schema(spec), more
+        self.to_read = columns_to_read(self.schema, spec.key, more)
+
+
+def _check_file(store: Store, file: dict, marker: dict, table: _Layout | None, chunk: Chunk) -> Iterator[Finding]:
     """Yield what is wrong with a file; add its rows to a chunk if nothing is."""
     name = file["path"]
     try:
@@ -171,24 +170,25 @@ def _check_file(
     else:
         try:
             with pq.ParquetFile(pa.BufferReader(data)) as parquet:
-                found = list(_check_content(parquet, file, marker, *table))
+                schema = parquet.schema_arrow
+                found = list(_check_content(parquet.metadata, schema, file, marker, table))
                 yield from found
                 if not found:
-                    needed = columns_to_read(parquet.schema_arrow, table[0].key, columns)
+                    is_whole = len(schema) == len(table.schema)  # else of an older schema version
+                    needed = table.to_read if is_whole else columns_to_read(schema, table.spec.key, table.more)
                     chunk.add(file["table"], parquet.read(columns=needed))
         except (pa.ArrowException, OSError) as error:
             yield Finding("parquet", name, f"cannot be read: {one_line(error)}")
 
 
 def _check_content(
-    parquet: pq.ParquetFile, file: dict, marker: dict, spec: TableSpec, own: pa.Schema
+    metadata: pq.FileMetaData, found: pa.Schema, file: dict, marker: dict, table: _Layout
 ) -> Iterator[Finding]:
-    """Yield what is wrong with the metadata of a file."""
-    name, count = file["path"], parquet.metadata.num_rows
+    """Yield what is wrong with the footer of a file."""
+    name, count, own = file["path"], metadata.num_rows, table.schema
     if count != file["rows"]:
         yield Finding("rows", name, f"{count} rows; the marker has {file['rows']}")
-    found = parquet.schema_arrow
-    meta = parquet.metadata.metadata or {}
+    meta = metadata.metadata or {}
     written = _text(meta, ROWS)
     if written and written != str(count):
         yield Finding("rows", name, f"{count} rows; {written} were written; it was changed since")
@@ -200,11 +200,11 @@ def _check_content(
     yield from _check_version(name, version)
     if version == SCHEMA_VERSION:
         if not found.equals(own):
-            yield Finding("schema", name, f"columns are not those of table {spec.name!r}")
-    elif problem := schema_problem(found, spec):
+            yield Finding("schema", name, f"columns are not those of table {table.spec.name!r}")
+    elif problem := schema_problem(found, table.spec):
         yield Finding("schema", name, problem)
     elif any(field.name not in own.names or not own.field(field.name).equals(field) for field in found):
-        yield Finding("schema", name, f"columns of schema {version} are not among those of table {spec.name!r}")
+        yield Finding("schema", name, f"columns of schema {version} are not among those of table {table.spec.name!r}")
 
 
 def _text(meta: Mapping[bytes, bytes], key: str) -> str | None:

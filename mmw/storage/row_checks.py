@@ -38,7 +38,7 @@ class Chunk:
     def add(self, table: str, rows: pa.Table) -> None:
         """Add the rows of a file of the last shard."""
         self.rows.setdefault(table, []).append((len(self.keys) - 1, rows))
-        self.nbytes += rows.nbytes
+        self.nbytes += rows.get_total_buffer_size()
 
     def path(self, table: str, shard: int) -> str:
         """Return the file of a table of a shard."""
@@ -84,7 +84,11 @@ def check_chunk(chunk: Chunk, count_rows: CountRows | None) -> Iterator[Finding]
 
 def _concatenated(parts: Sequence[tuple[int, pa.Table]]) -> pa.Table:
     """Return the rows of several files, with text in place of dictionaries, which differ from file to file."""
-    whole = pa.concat_tables([rows for _, rows in parts], promote_options="permissive")
+    tables = [rows for _, rows in parts]
+    try:
+        whole = pa.concat_tables(tables)
+    except pa.ArrowInvalid:  # of several schema versions; slower
+        whole = pa.concat_tables(tables, promote_options="permissive")
     names = [item.with_type(pa.string()) if pa.types.is_dictionary(item.type) else item for item in whole.schema]
     shard = np.repeat(*np.array([(index, rows.num_rows) for index, rows in parts], np.int32).T)
     return whole.cast(pa.schema(names)).append_column(SHARD, pa.array(shard))
@@ -99,13 +103,15 @@ def _check_rows(chunk: Chunk, table: str, rows: pa.Table) -> Iterator[Finding]:
         if count := _count_infinite(rows.column(name)):
             text = f"{count} values of {name} are NaN or infinite, which no run writes; run the configuration again"
             yield Finding("value", path, text)
-    names = ["scenario", "weather"] if spec.framed else ["scenario"]
-    for found in rows.group_by([SHARD, *names], use_threads=False).aggregate([]).to_pylist():
-        shard = chunk.keys[found[SHARD]]
-        for name in names:
-            wanted = shard if isinstance(shard, str) else getattr(shard, name)
-            if found[name] != wanted:
-                yield Finding("key", path, f"rows of {name} {found[name]}; the file is for {wanted}")
+    wanted = {"scenario": [chunk.scenario] * len(chunk.keys)}
+    if spec.framed:
+        wanted["weather"] = [key.weather if isinstance(key, ShardKey) else "" for key in chunk.keys]
+    for name, values in wanted.items():
+        right = pa.array(values, pa.string()).take(rows.column(SHARD))
+        others = rows.column(name).filter(pc.not_equal(rows.column(name), right))
+        if len(others):
+            text = f"rows of {name} {others[0]}; the file is for {right[0]}"
+            yield Finding("key", path, text)
     if spec.framed:
         limits = rows.group_by(SHARD, use_threads=False).aggregate([("frame", "min"), ("frame", "max")])
         for index, least, most in zip(*(column.to_pylist() for column in limits.columns), strict=True):
@@ -128,7 +134,7 @@ def _count_infinite(values: pa.ChunkedArray) -> int:
 
 
 def columns_to_read(schema: pa.Schema, key: Sequence[str], more: Sequence[str]) -> list[str]:
-    """Return the columns of a file that the checks of rows need."""
+    """Return the columns of a table that the checks of rows need: key, numbers, and `more`."""
     wanted = {"scenario", "weather", *key, *more}
     return [item.name for item in schema if item.name in wanted or pa.types.is_floating(_element(item.type))]
 

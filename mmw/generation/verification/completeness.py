@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -19,9 +19,9 @@ from mmw.generation.verification.row_counts import COLUMNS, count_rows
 from mmw.generation.verification.stage_files import CURE, check_stages
 from mmw.storage.finding import Finding, one_line
 from mmw.storage.identity import config_differences
-from mmw.storage.manifest import CARD, CONFIG, DATASET, MANIFEST, named_markers, pending, read_dataset
+from mmw.storage.manifest import CARD, CONFIG, DATASET, MANIFEST, named_markers, read_dataset
 from mmw.storage.row_checks import SHARD, Chunk
-from mmw.storage.shard_writer import ShardKey, marker_path, table_path
+from mmw.storage.shard_writer import MARKERS, ShardKey, marker_path, table_path
 from mmw.storage.store import Store
 
 
@@ -131,23 +131,20 @@ def check_plan(store: Store, config: Config) -> list[Finding]:
     """
     names = [scenario.name for scenario in config.scenarios]
     keys = [key for scenario in config.scenarios for key in shard_keys(config, scenario)]
-    findings, open_keys = [], pending(store, [*names, *keys], skip_unreadable=True)
-    there = store.sizes([marker_path(key).as_posix() for key in open_keys])
-    for key in open_keys:
-        name = marker_path(key).as_posix()
-        if isinstance(key, str):
-            findings.append(Finding("missing", name, f"static tables of {key} are not finished"))
-        elif name not in there:  # else a file of the shard is wrong, which the check of files says
-            findings.append(Finding("missing", name, f"shard {key} is not finished; run the same configuration again"))
-    if all(isinstance(key, str) for key in open_keys):
+    planned = {marker_path(key).as_posix(): key for key in [*names, *keys]}
+    markers = {name for name in store.names(MARKERS) if name.endswith(".json")}
+    missing = {name: key for name, key in planned.items() if name not in markers}
+    findings = []
+    for name, key in missing.items():
+        what = f"static tables of {key} are" if isinstance(key, str) else f"shard {key} is"
+        findings.append(Finding("missing", name, f"{what} not finished; run the same configuration again"))
+    if all(isinstance(key, str) for key in missing.values()):
         findings += check_stages(store, config, read_dataset(store).get("inputs"))
         for name in (MANIFEST, CARD):
             if not store.sizes([name]):
                 findings.append(Finding("missing", name, "the dataset is complete without it; run mmw finalize"))
-    planned = {marker_path(key).name for key in [*keys, *names]}
-    for name in store.names(marker_path("x").parent.as_posix()):
-        if name.endswith(".json") and PurePosixPath(name).name not in planned:
-            findings.append(Finding("foreign", name, "the configuration has no such shard"))
+    for name in sorted(markers - planned.keys()):
+        findings.append(Finding("foreign", name, "the configuration has no such shard"))
     return findings
 
 
