@@ -15,6 +15,7 @@ from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.beams import BeamSearch, csi_sql
+from mmw.storage.finding import one_line
 from mmw.storage.schemas import SCHEMA_VERSION
 
 if TYPE_CHECKING:
@@ -199,13 +200,16 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
         if dataset.spec(name).framed:
             connection.execute(frame_macro(name, str(dataset.root), names))
     _add_functions(connection, search or BeamSearch())
-    for needed, statement in (point_views() | VIEWS).values():
+    for view, (needed, statement) in (point_views() | VIEWS).items():
         if set(needed) <= set(dataset.tables):
             try:
                 connection.execute(statement)
-            except duckdb.BinderException:
-                if dataset.info["schema_version"] == SCHEMA_VERSION:
-                    raise  # an older schema lacks columns that a view needs
+            except duckdb.BinderException as error:
+                if dataset.info["schema_version"] == SCHEMA_VERSION:  # an older one lacks columns that a view needs
+                    raise InputError(
+                        f"{dataset.root}: view {view!r} of {', '.join(needed)} cannot be made ({one_line(error)}); "
+                        f"`mmw verify {dataset.root}` names the damaged file"
+                    ) from error
     _OPEN.add(connection)
     return connection
 

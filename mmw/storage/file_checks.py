@@ -1,8 +1,10 @@
 """Verify the files of a dataset against its markers: read and hash each file, and check the keys of its rows."""
 
 import hashlib
+import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Any
@@ -20,9 +22,12 @@ from mmw.storage.parquet_writer import ROWS
 from mmw.storage.row_checks import Chunk, CountRows, check_chunk, columns_to_read
 from mmw.storage.schema_checks import schema_problem
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
-from mmw.storage.shard_writer import FILE_META, MARKERS, key_of, marker_path, table_path
+from mmw.storage.shard_writer import FILE_META, MARKERS, ShardKey, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 from mmw.storage.table_spec import TableSpec
+
+THREADS = min(os.cpu_count() or 1, 8)
+"""Files that are read at once."""
 
 SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
 """Path of a table's file, relative to the dataset folder."""
@@ -55,27 +60,29 @@ def _find(store: Store, count_rows: CountRows | None) -> Iterator[Finding]:
     chunk = Chunk("")
     more = {} if count_rows is None else count_rows.columns
     tables = {name: _Layout(spec, more.get(name, ())) for name, spec in TABLES.items()}
-    for name, marker in markers.items():
-        yield from _check_version(name, marker["schema_version"])
-        key = key_of(marker)
-        if marker_path(key).as_posix() != name:
-            yield Finding("marker", name, f"is the marker of {key}; put its own back, or run the configuration again")
-            continue
-        if chunk.is_full or chunk.scenario != marker["scenario"]:
-            yield from check_chunk(chunk, count_rows)
-            chunk = Chunk(marker["scenario"])
-        chunk.keys.append(key)
-        place = table_path("", key).as_posix()
-        for file in marker["files"]:
-            if file["path"] != f"{file['table']}/{place}":
-                yield Finding("marker", name, f"lists {file['path']}, which is no file of {key}")
+    with ThreadPoolExecutor(THREADS) as pool:
+        for name, marker in markers.items():
+            yield from _check_version(name, marker["schema_version"])
+            key = key_of(marker)
+            if marker_path(key).as_posix() != name:
+                text = f"is the marker of {key}; put its own back, or run the configuration again"
+                yield Finding("marker", name, text)
                 continue
-            found = list(_check_listed(file, marker, head, listed))
+            if chunk.is_full or chunk.scenario != marker["scenario"]:
+                yield from check_chunk(chunk, count_rows)
+                chunk = Chunk(marker["scenario"])
+            chunk.keys.append(key)
+            found = list(_check_listed(marker, key, head, listed))
             if not found:
-                found = list(_check_file(store, file, marker, tables.get(file["table"]), chunk))
+                files = marker["files"]
+                read = pool.map(lambda file, marker=marker: _read_file(store, file, marker, tables), files)
+                for file, (problems, rows) in zip(files, read, strict=True):
+                    found += problems
+                    if rows is not None:
+                        chunk.add(file["table"], rows, file["bytes"])
             if found:
                 chunk.wrong.add(len(chunk.keys) - 1)
-            listed.setdefault(file["path"], file)
+            listed.update((file["path"], file) for file in marker["files"])
             yield from found
     yield from check_chunk(chunk, count_rows)
     yield from check_makers(head, markers)
@@ -132,15 +139,22 @@ def _check_version(path: str, text: str) -> Iterator[Finding]:
         yield Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")
 
 
-def _check_listed(file: dict, marker: dict, head: Mapping[str, Any], listed: Mapping[str, dict]) -> Iterator[Finding]:
-    """Yield what is wrong with the entry of a file in a marker."""
-    path = file["path"]
-    if path in listed:
-        yield Finding("marker", path, "two markers list the file")
-    elif marker["config_sha256"] != head["config_sha256"]:
-        yield Finding("config", path, f"made by configuration {marker['config_sha256'][:12]}")
-    elif not is_of(marker, head):
-        yield Finding("inputs", path, "made from other input files than the dataset was begun with")
+def _check_listed(
+    marker: dict, key: ShardKey | str, head: Mapping[str, Any], listed: Mapping[str, dict]
+) -> Iterator[Finding]:
+    """Yield what is wrong with the list of files of a marker."""
+    place = table_path("", key).as_posix()
+    is_config, is_inputs = marker["config_sha256"] == head["config_sha256"], is_of(marker, head)
+    for file in marker["files"]:
+        path = file["path"]
+        if path != f"{file['table']}/{place}":
+            yield Finding("marker", marker_path(key).as_posix(), f"lists {path}, which is no file of {key}")
+        elif path in listed:
+            yield Finding("marker", path, "two markers list the file")
+        elif not is_config:
+            yield Finding("config", path, f"made by configuration {marker['config_sha256'][:12]}")
+        elif not is_inputs:
+            yield Finding("inputs", path, "made from other input files than the dataset was begun with")
 
 
 class _Layout:
@@ -151,34 +165,35 @@ class _Layout:
         self.to_read = columns_to_read(self.schema, spec.key, more)
 
 
-def _check_file(store: Store, file: dict, marker: dict, table: _Layout | None, chunk: Chunk) -> Iterator[Finding]:
-    """Yield what is wrong with a file; add its rows to a chunk if nothing is."""
-    name = file["path"]
+def _read_file(
+    store: Store, file: dict, marker: dict, tables: Mapping[str, _Layout]
+) -> tuple[list[Finding], pa.Table | None]:
+    """Return what is wrong with a file, and the rows to check if nothing is."""
+    name, table = file["path"], tables.get(file["table"])
     try:
         data = store.read(name)
     except OSError as error:
-        yield Finding("unreadable", name, one_line(error))
-        return
+        return [Finding("unreadable", name, one_line(error))], None
     if data is None:
-        yield Finding("missing", name, "the marker lists it, but it does not exist")
-    elif len(data) != file["bytes"]:
-        yield Finding("size", name, f"{len(data)} bytes; the marker has {file['bytes']}")
-    elif hashlib.sha256(data).hexdigest() != file["sha256"]:
-        yield Finding("sha256", name, "the content is not what was written")
-    elif table is None:
-        yield Finding("schema", name, f"table {file['table']!r} is not known to this mmw (schema {SCHEMA_VERSION})")
-    else:
-        try:
-            with pq.ParquetFile(pa.BufferReader(data)) as parquet:
-                schema = parquet.schema_arrow
-                found = list(_check_content(parquet.metadata, schema, file, marker, table))
-                yield from found
-                if not found:
-                    is_whole = len(schema) == len(table.schema)  # else of an older schema version
-                    needed = table.to_read if is_whole else columns_to_read(schema, table.spec.key, table.more)
-                    chunk.add(file["table"], parquet.read(columns=needed))
-        except (pa.ArrowException, OSError) as error:
-            yield Finding("parquet", name, f"cannot be read: {one_line(error)}")
+        return [Finding("missing", name, "the marker lists it, but it does not exist")], None
+    if len(data) != file["bytes"]:
+        return [Finding("size", name, f"{len(data)} bytes; the marker has {file['bytes']}")], None
+    if hashlib.sha256(data).hexdigest() != file["sha256"]:
+        return [Finding("sha256", name, "the content is not what was written")], None
+    if table is None:
+        text = f"table {file['table']!r} is not known to this mmw (schema {SCHEMA_VERSION})"
+        return [Finding("schema", name, text)], None
+    try:
+        with pq.ParquetFile(pa.BufferReader(data)) as parquet:
+            schema = parquet.schema_arrow
+            found = list(_check_content(parquet.metadata, schema, file, marker, table))
+            if found:
+                return found, None
+            is_whole = len(schema) == len(table.schema)  # else of an older schema version
+            needed = table.to_read if is_whole else columns_to_read(schema, table.spec.key, table.more)
+            return [], parquet.read(columns=needed, use_threads=False)
+    except (pa.ArrowException, OSError) as error:
+        return [Finding("parquet", name, f"cannot be read: {one_line(error)}")], None
 
 
 def _check_content(
@@ -189,15 +204,16 @@ def _check_content(
     if count != file["rows"]:
         yield Finding("rows", name, f"{count} rows; the marker has {file['rows']}")
     meta = metadata.metadata or {}
-    written = _text(meta, ROWS)
-    if written and written != str(count):
-        yield Finding("rows", name, f"{count} rows; {written} were written; it was changed since")
+    written = meta.get(ROWS.encode())
+    if written and written != str(count).encode():
+        yield Finding("rows", name, f"{count} rows; {_text(written)} were written; it was changed since")
     for key, label in FILE_META.items():
-        text = _text(meta, label)
-        if text is not None and text != str(marker.get(key)):
-            yield Finding("marker", name, f"{key} is {text[:80]}; the marker has another")
-    version = _text(meta, "mmw.schema_version") or "none"
-    yield from _check_version(name, version)
+        text = meta.get(label.encode())
+        if text is not None and text != str(marker.get(key)).encode():
+            yield Finding("marker", name, f"{key} is {_text(text)[:80]}; the marker has another")
+    version = _text(meta.get(b"mmw.schema_version", b"none"))
+    if version != SCHEMA_VERSION:
+        yield from _check_version(name, version)
     if version == SCHEMA_VERSION:
         if not found.equals(own):
             yield Finding("schema", name, f"columns are not those of table {table.spec.name!r}")
@@ -207,10 +223,8 @@ def _check_content(
         yield Finding("schema", name, f"columns of schema {version} are not among those of table {table.spec.name!r}")
 
 
-def _text(meta: Mapping[bytes, bytes], key: str) -> str | None:
-    """Return a file-level key; None if the file has none."""
-    text = meta.get(key.encode())
-    return None if text is None else text.decode(errors="replace")
+def _text(data: bytes) -> str:
+    return data.decode(errors="replace")
 
 
 def _check_overlaps(markers: Mapping[str, dict]) -> Iterator[Finding]:

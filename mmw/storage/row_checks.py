@@ -16,7 +16,7 @@ SHARD = "shard"
 """Column that is added to the rows: the index of their shard in `Chunk.keys`."""
 
 MAX_BYTES = 64 << 20
-"""Size of the rows of one chunk in memory."""
+"""Size of the files of one chunk [byte]; their rows take up to a few times as much memory."""
 
 MAX_SHARDS = 256
 """Shards of one chunk."""
@@ -35,10 +35,10 @@ class Chunk:
     """Table -> index of the shard and rows of each file: keys, floating-point numbers, and what is counted."""
     nbytes: int = 0
 
-    def add(self, table: str, rows: pa.Table) -> None:
-        """Add the rows of a file of the last shard."""
+    def add(self, table: str, rows: pa.Table, nbytes: int) -> None:
+        """Add the rows of a file of the last shard, and the size of the file."""
         self.rows.setdefault(table, []).append((len(self.keys) - 1, rows))
-        self.nbytes += rows.get_total_buffer_size()
+        self.nbytes += nbytes
 
     def path(self, table: str, shard: int) -> str:
         """Return the file of a table of a shard."""
