@@ -1,6 +1,6 @@
 """Log a part of a dataset to a Rerun stream; one frame is in memory at a time."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -49,13 +49,21 @@ class Looks:
             raise InputError(f"lidar color {self.lidar_color!r}: it is one of {', '.join(LIDAR_COLORS)}; name one")
 
 
-def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
+def record(
+    stream: rr.RecordingStream, scope: Scope, looks: Looks, flush: Callable[[], None] | None = None
+) -> list[str]:
     """Log a part of a dataset to a stream with a connected sink; returns a line for each omission and its reason.
+
+    Args:
+        stream: Stream of Rerun.
+        scope: Part of the dataset.
+        looks: How it is shown.
+        flush: Waits until the sink has what was logged; the stream's own by default, which waits without end.
 
     Raises:
         InputError: If a file of the dataset is damaged.
     """
-    data = scope.data
+    flush, data = flush or stream.flush, scope.data
     notes, rows = list(scope.notes), sensor_rows(scope)
     missing = missing_tables(scope, rows)
     if missing:
@@ -77,7 +85,7 @@ def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
                 frames.log(moment)
                 radio.log(moment)
                 if number % FLUSH_EVERY == 0:
-                    stream.flush()
+                    flush()
                 progress.advance(f"frame {frame}")
         if looks.with_town:
             try:
@@ -86,7 +94,7 @@ def record(stream: rr.RecordingStream, scope: Scope, looks: Looks) -> list[str]:
                 notes.append(f"the town is not shown: {error}")
             else:
                 log_town(stream, meshes)
-        stream.flush()
+        flush()
     return notes
 
 

@@ -30,6 +30,9 @@ COMMAND = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 START_S = 60.0
 """Longest time until a viewer listens [s]. Design value."""
 
+FLUSH_S = 2.0
+"""Time after which a flush is begun again if the viewer still runs [s]. Design value."""
+
 MEMORY = "50%"
 """Memory that the server may fill with data; beyond, it drops the earliest. Share of all there is. Design value."""
 
@@ -82,12 +85,27 @@ class Viewer:
         stream = new_stream()
         stream.connect_grpc(self.address)
         try:
-            notes = record(stream, scope, looks)
+            notes = record(stream, scope, looks, lambda: self._flush(stream))
             stream.disconnect()
         except RuntimeError:  # of Rerun: the data server is gone
             self.wait()
             return []
         return notes
+
+    def _flush(self, stream: rr.RecordingStream) -> None:
+        """Wait until the viewer has what was logged: as long as it runs, because Rerun waits for a dead one as well.
+
+        Raises:
+            RuntimeError: If it ended or refuses.
+        """
+        while True:
+            began = time.monotonic()
+            try:
+                stream.flush(timeout_sec=FLUSH_S)
+                return
+            except RuntimeError:
+                if self.process.poll() is not None or time.monotonic() - began < FLUSH_S / 2.0:
+                    raise
 
     def wait(self) -> None:
         """Return when it has been closed.
