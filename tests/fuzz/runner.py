@@ -81,7 +81,7 @@ def _process(result: Result, folder: Path, number: int, stop: int, end: float) -
     arguments = [result.kind, str(result.seed), str(folder), str(number), str(stop)]
     process = subprocess.Popen(
         [sys.executable, "-m", "tests.fuzz.worker", *arguments], cwd=ROOT, stdout=subprocess.PIPE, text=False,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])},
     )  # fmt: skip
     assert process.stdout is not None
     step, buffer, chunk, since, cpu, is_ready = "", b"", b"-", time.monotonic(), 0.0, False
