@@ -75,9 +75,9 @@ def check(root: Root, frames_each: int) -> list[Finding]:
         problems = [*rows.findings, *rows.check_static(), *check_plan(store, config)]
     known = {(finding.kind, finding.path) for finding in findings}
     findings += [finding for finding in problems if (finding.kind, finding.path) not in known]
-    if not any(finding.is_error for finding in findings):
+    if config is not None and not any(finding.is_error for finding in findings):
         try:
-            findings += check_physics(store.address, frames_each)
+            findings += check_physics(store.address, config, frames_each)
         except InputError as error:  # rows that no reader can use
             findings.append(Finding("schema", "tables", str(error)))
     return findings

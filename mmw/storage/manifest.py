@@ -29,6 +29,8 @@ MARKER_TYPES = {
 """Required content of a marker, besides the list of its files."""
 FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": str}
 """Required content of each entry of that list."""
+_META_TYPES = {"seconds": int | float}
+"""Metadata of a marker that is no text."""
 CARD = "README.md"
 CONFIG = "config.yaml"
 """The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
@@ -302,6 +304,7 @@ def _parse_marker(data: bytes) -> dict[str, Any] | None:
     is_complete = (
         _fits(marker, MARKER_TYPES)
         and all(_fits(file, FILE_TYPES) for file in marker["files"])
+        and all(_is_a(marker.get(name), _META_TYPES.get(name, str) | None) for name in (*META_KEYS, "created_utc"))
         and all((marker[name] is not None) == is_framed for name in ("frame_begin", "frame_end"))
     )
     return marker if is_complete else None
@@ -310,8 +313,12 @@ def _parse_marker(data: bytes) -> dict[str, Any] | None:
 def _fits(content: Any, types: Mapping[str, Any]) -> bool:
     """Return whether a value is a mapping with the given keys and types of values."""
     return isinstance(content, dict) and all(
-        key in content and isinstance(content[key], type_) for key, type_ in types.items()
+        key in content and _is_a(content[key], type_) for key, type_ in types.items()
     )
+
+
+def _is_a(value: Any, type_: Any) -> bool:
+    return isinstance(value, type_) and not isinstance(value, bool)  # to Python, True is a whole number
 
 
 def _finished(

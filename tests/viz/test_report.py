@@ -298,7 +298,6 @@ def test_a_dataset_without_tables_or_shards(tmp_path) -> None:
     root = copy_of(small_dataset(), tmp_path / "d")
     for name in ("links", "paths", "rgb"):
         shutil.rmtree(root / name)
-    (root / "_shards" / f"{SCENARIO}.json").unlink()
     (root / "config.yaml").unlink()
     page = page_of(root, tmp_path / "page.html")
     assert "The dataset has nothing for: radio links, radio paths." in page.words
@@ -307,6 +306,9 @@ def test_a_dataset_without_tables_or_shards(tmp_path) -> None:
     bare = page_of(root, tmp_path / "page.html")
     missing = "map, what the agents sense, radio links, radio paths"
     assert f"The dataset has nothing for: {missing}." in bare.words and "img" not in bare.tags
+    (root / "_shards" / f"{SCENARIO}.json").unlink()  # of static tables: no sensor is known without them
+    unknown = page_of(root, tmp_path / "page.html")
+    assert "map, what the agents sense, scalar sensors, radio links, radio paths." in unknown.words
     for marker in (root / "_shards").glob("*.json"):
         marker.unlink()
     empty = page_of(root, tmp_path / "page.html")

@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mmw.config import Config
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import make_pose, quaternion_from_ypr
-from mmw.dataset import Dataset, Frame, open_dataset
+from mmw.dataset import Frame, open_dataset
 from mmw.dataset.camera_geometry import from_world, intrinsics_from_row, pose_from_row
 from mmw.storage.codecs.images import decode_depth
 from mmw.storage.finding import Finding
@@ -48,8 +50,8 @@ def speed_of(row: dict[str, Any]) -> float:
     return float(np.linalg.norm([row[f"v{axis}"] for axis in "xyz"]))
 
 
-def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
-    """Return rows of some evenly spaced frames that contradict physics or each other.
+def check_physics(root: str | Path, config: Config, frames_each: int = 5) -> list[Finding]:
+    """Return rows of some evenly spaced frames of a complete dataset that contradict physics or each other.
 
     Lines of sight are compared with Friis' formula, distance over c, and the depth images and sweeps of sensors near an
     antenna; LiDAR points with the boxes of their objects.
@@ -62,7 +64,7 @@ def check_physics(root: str | Path, frames_each: int = 5) -> list[Finding]:
         return []
     findings: list[Finding] = []
     judged: list[tuple[bool, str]] = []
-    for scenario, weather, frame in _choose_frames(data, frames_each):
+    for scenario, weather, frame in _choose_frames(config, frames_each):
         here = data.frame(scenario, weather, frame)
         findings += [*check_friis(here), *check_boxes(here)]
         judged += judge_lines_of_sight(here)
@@ -77,16 +79,12 @@ def _place(here: Frame, table: str) -> str:
     return f"{table}/scenario={here.scenario}/weather={here.weather} frame {here.frame}"
 
 
-def _choose_frames(data: Dataset, frames_each: int) -> Iterator[tuple[str, str, int]]:
-    rows = data.read("frames", columns=["scenario", "weather", "frame"])
-    frames: dict[tuple[str, str], list[int]] = {}
-    columns = [rows.column(name).to_pylist() for name in ("scenario", "weather", "frame")]
-    for scenario, weather, frame in zip(*columns, strict=True):
-        frames.setdefault((scenario, weather), []).append(frame)
-    for key, numbers in frames.items():
-        numbers.sort()
-        for place in sorted({round(i) for i in np.linspace(0, len(numbers) - 1, frames_each)}):
-            yield *key, numbers[place]
+def _choose_frames(config: Config, frames_each: int) -> Iterator[tuple[str, str, int]]:
+    for scenario in config.scenarios:
+        frames = config.frames_of(scenario)
+        places = sorted({round(i) for i in np.linspace(0, frames.count - 1, frames_each)})
+        for weather, place in product(config.weathers, places):
+            yield scenario.name, weather, frames.start + place
 
 
 def check_friis(here: Frame) -> Iterator[Finding]:

@@ -13,6 +13,7 @@ import pytest
 
 from mmw.__main__ import main as mmw
 from mmw.cli.verify import check
+from mmw.generation.provenance import stored_config
 from mmw.generation.verification.physics import _in_depth, check_physics
 from mmw.generation.verification.reproducibility import choose_rows, rerender
 from mmw.storage.file_checks import verify, version_number
@@ -193,7 +194,7 @@ def test_what_a_depth_image_says_of_a_line() -> None:
 def test_physics_that_does_not_hold_is_found(root: Path, damage: Callable[[Path], None], kind: str) -> None:
     damage(root)
     assert verify(root) == []
-    assert {finding.kind for finding in check_physics(root, 5)} == {kind}
+    assert {finding.kind for finding in check_physics(root, stored_config(root), 5)} == {kind}
 
 
 def test_random_rows_made_again_are_equal(whole: Path, capsys: pytest.CaptureFixture) -> None:
