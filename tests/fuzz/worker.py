@@ -11,6 +11,9 @@ import sys
 import time
 from pathlib import Path
 
+CORES = 2
+"""Processor cores of the cases: libraries start a thread for each, whose stacks count as memory."""
+
 MEMORY = 3 * 2**30
 """Address space that the cases may take beyond what the process has after its first one [bytes]."""
 
@@ -25,6 +28,8 @@ def work(kind_name: str, seed: int, folder: Path, numbers: list[int]) -> None:
     faulthandler.enable(trace)
     faulthandler.register(signal.SIGUSR1, trace)
     os.environ["MMW_LOG_DIR"] = str(folder / "logs")
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, random.Random(os.getpid()).sample(cores, min(CORES, len(cores))))
     from tests.fuzz.cases import run_step
     from tests.fuzz.kinds import make_kind
 
