@@ -29,6 +29,8 @@ MARKER_TYPES = {
 """Required content of a marker, besides the list of its files."""
 FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": str}
 """Required content of each entry of that list."""
+MAX_NUMBER, MAX_FRAME = 2**63, 2**31 - 1
+"""Limits of whole numbers in a manifest."""
 _META_TYPES = {"seconds": int | float}
 """Metadata of a marker that is no text."""
 CARD = "README.md"
@@ -306,6 +308,7 @@ def _parse_marker(data: bytes) -> dict[str, Any] | None:
         and all(_fits(file, FILE_TYPES) for file in marker["files"])
         and all(_is_a(marker.get(name), _META_TYPES.get(name, str) | None) for name in (*META_KEYS, "created_utc"))
         and all((marker[name] is not None) == is_framed for name in ("frame_begin", "frame_end"))
+        and (marker["frame_end"] or 0) <= MAX_FRAME
     )
     return marker if is_complete else None
 
@@ -318,7 +321,10 @@ def _fits(content: Any, types: Mapping[str, Any]) -> bool:
 
 
 def _is_a(value: Any, type_: Any) -> bool:
-    return isinstance(value, type_) and not isinstance(value, bool)  # to Python, True is a whole number
+    """Return whether a value has a type; whole numbers must also be those of a manifest."""
+    if isinstance(value, bool) or not isinstance(value, type_):  # to Python, True is a whole number
+        return False
+    return not isinstance(value, int) or 0 <= value < MAX_NUMBER
 
 
 def _finished(

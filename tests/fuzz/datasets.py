@@ -149,7 +149,10 @@ class Datasets:
             return
         for _ in range(rng.choice((1, 1, 2))):
             table = rng.choice(_TABLES)(rng, table)
-        pq.write_table(table, path, compression=rng.choice(("zstd", "none", "snappy")))
+        try:
+            pq.write_table(table, path, compression=rng.choice(("zstd", "none", "snappy")))
+        except pa.ArrowInvalid:  # null where the schema has none: the file is left half written
+            return
         if rng.random() < 0.7:
             _agree(root)
 

@@ -11,11 +11,9 @@ import sys
 import time
 from pathlib import Path
 
-CORES = 2
-"""Processor cores of the cases: libraries start a thread for each, whose stacks count as memory."""
-
-MEMORY = 3 * 2**30
-"""Address space that the cases may take beyond what the process has after its first one [bytes]."""
+MEMORY = 3 * 2**30 + (os.cpu_count() or 1) * 2**28
+"""Address space that the cases may take beyond what the process has after its first one [bytes]; libraries start a
+thread for each core, which takes its own."""
 
 
 def work(kind_name: str, seed: int, folder: Path, numbers: list[int]) -> None:
@@ -28,8 +26,6 @@ def work(kind_name: str, seed: int, folder: Path, numbers: list[int]) -> None:
     faulthandler.enable(trace)
     faulthandler.register(signal.SIGUSR1, trace)
     os.environ["MMW_LOG_DIR"] = str(folder / "logs")
-    cores = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, random.Random(os.getpid()).sample(cores, min(CORES, len(cores))))
     from tests.fuzz.cases import run_step
     from tests.fuzz.kinds import make_kind
 
