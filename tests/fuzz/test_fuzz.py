@@ -36,7 +36,7 @@ def test_hostile_input_ends_well(name: str, tmp_path: Path, monkeypatch: pytest.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 def test_more_of_it_in_a_process_of_its_own(name: str, tmp_path: Path) -> None:
-    result = runner.run(name, SEED, 0, 100, seconds=60.0)
+    result = runner.run(name, SEED, 0, 60, seconds=30.0)
     places = [str(runner.save(fault, tmp_path)) for fault in result.faults]
     assert [fault.signature for fault in result.faults] == [], places
     assert result.cases > 0
