@@ -163,6 +163,7 @@ class _Layout:
     def __init__(self, spec: TableSpec, more: Sequence[str]) -> None:
         self.spec, self.schema, self.more = spec, arrow_schema(spec), more
         self.to_read = columns_to_read(self.schema, spec.key, more)
+        self.needed = ["scenario", *(["weather"] if spec.framed else []), *spec.key, *more]
 
 
 def _read_file(
@@ -217,7 +218,7 @@ def _check_content(
     if version == SCHEMA_VERSION:
         if not found.equals(own):
             yield Finding("schema", name, f"columns are not those of table {table.spec.name!r}")
-    elif problem := schema_problem(found, table.spec):
+    elif problem := schema_problem(found, table.spec, table.needed):
         yield Finding("schema", name, problem)
     elif any(field.name not in own.names or not own.field(field.name).equals(field) for field in found):
         yield Finding("schema", name, f"columns of schema {version} are not among those of table {table.spec.name!r}")
@@ -274,6 +275,6 @@ def check_manifest(store: Store, markers: Mapping[str, dict]) -> Iterator[Findin
     for name in set(expected.column_names) - set(manifest.column_names):
         if expected[name].null_count == expected.num_rows:  # of a newer mmw; the markers do not fill it
             expected = expected.drop_columns(name)
-    by_path = [table.sort_by("path") if "path" in table.column_names else table for table in (manifest, expected)]
-    if not by_path[0].equals(by_path[1]):  # tables of sensors that are not installed come last, not where they were
+    is_same = manifest.schema.equals(expected.schema)
+    if not is_same or not manifest.sort_by("path").equals(expected.sort_by("path")):  # the order is free
         yield Finding("manifest", MANIFEST, "does not list what the markers list; run the configuration again")

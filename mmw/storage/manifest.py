@@ -175,27 +175,27 @@ def named_markers(
     return _markers(store, names, skip_unreadable=skip_unreadable)
 
 
-def pending(root: Root, keys: Iterable[ShardKey | str], *, skip_unreadable: bool = False) -> list[ShardKey | str]:
+def pending(root: Root, keys: Iterable[ShardKey | str]) -> list[ShardKey | str]:
     """Return the shards and scenarios without a valid marker of this configuration.
 
     A marker is valid if its files exist with their sizes; `verify` also reads them.
 
     Raises:
-        OSError: If a marker cannot be read, unless `skip_unreadable`, by which it is not valid.
+        OSError: If a marker cannot be read.
     """
     store, keys = store_of(root), list(keys)
-    done = _finished(store, keys, read_dataset(store), skip_unreadable=skip_unreadable)
+    done = _finished(store, keys, read_dataset(store))
     return [key for key in keys if key not in done]
 
 
-def pending_shards(root: Root, keys: Iterable[ShardKey], *, skip_unreadable: bool = False) -> list[ShardKey]:
+def pending_shards(root: Root, keys: Iterable[ShardKey]) -> list[ShardKey]:
     """Return the shards that have no valid marker, see `pending`."""
-    return [key for key in pending(root, keys, skip_unreadable=skip_unreadable) if isinstance(key, ShardKey)]
+    return [key for key in pending(root, keys) if isinstance(key, ShardKey)]
 
 
-def pending_scenarios(root: Root, names: Iterable[str], *, skip_unreadable: bool = False) -> list[str]:
+def pending_scenarios(root: Root, names: Iterable[str]) -> list[str]:
     """Return the scenarios whose static tables have no valid marker, see `pending`."""
-    return [name for name in pending(root, names, skip_unreadable=skip_unreadable) if isinstance(name, str)]
+    return [name for name in pending(root, names) if isinstance(name, str)]
 
 
 def upload_finished(root: Root, keys: Iterable[ShardKey]) -> int:
@@ -328,13 +328,13 @@ def _is_a(value: Any, type_: Any) -> bool:
 
 
 def _finished(
-    store: Store, keys: Iterable[ShardKey | str], head: Mapping[str, Any], *, skip_unreadable: bool = False
+    store: Store, keys: Iterable[ShardKey | str], head: Mapping[str, Any]
 ) -> dict[ShardKey | str, dict[str, Any]]:
     """Return the valid markers of a dataset's configuration and input files, of shards and static tables."""
     names = {marker_path(key).as_posix(): key for key in keys}
     found = {
         names[name]: marker
-        for name, marker in _markers(store, names, skip_unreadable=skip_unreadable).items()
+        for name, marker in _markers(store, names).items()
         if key_of(marker) == names[name] and marker["schema_version"] == SCHEMA_VERSION and is_of(marker, head)
     }
     sizes = store.sizes({file["path"] for marker in found.values() for file in marker["files"]})

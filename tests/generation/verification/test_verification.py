@@ -99,6 +99,22 @@ def drop_column(root: Path) -> None:
     agree(root)
 
 
+def drop_counted_column(root: Path) -> None:
+    """Write a file of an older schema version without a column from which rows of other tables follow."""
+    rows = pq.ParquetFile(root / part("poses")).read().drop_columns(["role"])
+    pq.write_table(
+        rows.replace_schema_metadata(rows.schema.metadata | {b"mmw.schema_version": b"2.0"}), root / part("poses")
+    )
+    agree(root)
+
+
+def retype_manifest(root: Path) -> None:
+    """Write a manifest whose paths are lists."""
+    rows = pq.read_table(root / "_manifest.parquet")
+    paths = pa.array([[path] for path in rows["path"].to_pylist()])
+    pq.write_table(rows.set_column(rows.column_names.index("path"), "path", paths), root / "_manifest.parquet")
+
+
 @pytest.mark.parametrize(
     ("damage", "kind", "named"),
     [
@@ -125,6 +141,8 @@ def drop_column(root: Path) -> None:
         (lambda root: change(root, "frames", "frame", lambda frame: frame + 2), "key", part("frames")),
         (rewritten("lidar", lambda rows: rows.slice(1)), "count", part("lidar")),
         (drop_column, "schema", part("imu")),
+        (drop_counted_column, "schema", part("poses")),
+        (retype_manifest, "manifest", "_manifest.parquet"),
         (rewritten("segmentation", lambda rows: rows.slice(0, 1)), "count", part("segmentation")),
         (rewritten("paths", lambda rows: rows.slice(1)), "count", part("paths")),
     ],
