@@ -12,6 +12,7 @@ import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
 from mmw.config.sensor_spec import SENSORS
+from mmw.storage.finding import one_line
 from mmw.storage.table_spec import TableSpec
 
 KEY = ("frame", "agent", "sensor")
@@ -31,15 +32,30 @@ def spec_of_file(table: str, path: str, filesystem: pafs.FileSystem | None) -> T
         with place.open_input_file(path) as file:
             schema = pq.read_schema(file)
         meta = schema.metadata or {}
-        texts = json.loads(meta.get(b"mmw.columns", b"{}"))
-    except (pa.ArrowException, OSError, ValueError):
-        return None  # no table that mmw has written: nothing says what it holds
+        texts = _column_texts(meta)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        warnings.warn(f"{path}: cannot be read ({one_line(error)}); table {table!r} is left out", stacklevel=4)
+        return None
     if meta.get(b"mmw.table", b"").decode(errors="replace") != table or not re.fullmatch(r"[A-Za-z]\w*", table):
         return None
     fields = (pa.field(field.name, field.type, field.nullable, texts.get(field.name)) for field in schema)
     is_framed = "/weather=" in path
     key = tuple(name for name in KEY if name in schema.names)
     return TableSpec(table, "", tuple(fields), key, framed=is_framed)
+
+
+def _column_texts(meta: Mapping[bytes, bytes]) -> dict[str, dict[str, str]]:
+    """Return unit and meaning of each column, as a file holds them.
+
+    Raises:
+        ValueError: If they are damaged.
+    """
+    texts = json.loads(meta.get(b"mmw.columns", b"{}"))
+    if not isinstance(texts, dict) or not all(
+        isinstance(text, dict) and all(isinstance(value, str) for value in text.values()) for text in texts.values()
+    ):
+        raise ValueError("its key mmw.columns does not describe columns")
+    return texts
 
 
 def warn_of_missing_package(root: PurePath, table: str, info: Mapping[str, Any]) -> None:

@@ -66,3 +66,17 @@ def test_other_folders_are_no_tables(root: Path, tmp_path: Path) -> None:
     for path in root.iterdir():
         (tmp_path / path.name).symlink_to(path)
     assert mmw.open(tmp_path).tables == mmw.open(root).tables
+
+
+@pytest.mark.parametrize("columns", ["{", "[]", '{"a": 3}', '{"a": {"unit": 3}}'])
+def test_a_table_that_is_damaged_is_left_out_aloud(root: Path, tmp_path: Path, columns: str) -> None:
+    for path in root.iterdir():
+        if path.name != NAME:
+            (tmp_path / path.name).symlink_to(path)
+    for path in sorted((root / NAME).rglob("*.parquet")):
+        rows = pq.ParquetFile(path).read()
+        copy = tmp_path / path.relative_to(root)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        pq.write_table(rows.replace_schema_metadata(rows.schema.metadata | {b"mmw.columns": columns.encode()}), copy)
+    with pytest.warns(UserWarning, match=f"part-000000.parquet: cannot be read .*; table '{NAME}' is left out"):
+        assert NAME not in mmw.open(tmp_path).tables

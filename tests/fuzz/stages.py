@@ -4,6 +4,7 @@ import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from pxr import Gf, Sdf, Usd, UsdGeom, Vt
 
@@ -122,7 +123,7 @@ def _write_values(rng: random.Random, path: Path) -> None:
     stage.GetRootLayer().Save()
 
 
-def _hostile(rng: random.Random, value: object) -> object:
+def _hostile(rng: random.Random, value: Any) -> Any:
     number = rng.choice((float("nan"), float("inf"), -float("inf"), 1e38, 1e300, -1.0, 0.0, 1e-30))
     integer = rng.choice((-1, 0, 1, 2, 10**6, 2**31 - 1, -(2**31)))
     if isinstance(value, bool | str):
@@ -132,7 +133,7 @@ def _hostile(rng: random.Random, value: object) -> object:
     if isinstance(value, int):
         return integer
     if type(value).__name__.endswith("Array"):
-        items = list(value)  # type: ignore[call-overload]
+        items = list(value)
         kind = rng.random()
         if kind < 0.2:
             return type(value)([])
@@ -141,17 +142,16 @@ def _hostile(rng: random.Random, value: object) -> object:
         if kind < 0.5 and items:
             return type(value)(items[:-1])
         if items:
-            items[rng.randrange(len(items))] = (
-                _hostile(rng, items[0]) if _hostile(rng, items[0]) is not None else items[0]
-            )
+            new = _hostile(rng, items[0])
+            items[rng.randrange(len(items))] = items[0] if new is None else new
             return type(value)(items)
         return None
     if type(value).__name__.startswith("Vec"):
-        return type(value)(*([number if "i" not in type(value).__name__ else integer] * len(value)))  # type: ignore[arg-type]
+        return type(value)(*([number if "i" not in type(value).__name__ else integer] * len(value)))
     if type(value).__name__.startswith("Quat"):
-        return type(value)(number, number, 0, 0)  # type: ignore[call-arg]
+        return type(value)(number, number, 0, 0)
     if type(value).__name__.startswith("Matrix"):
-        return type(value)(number)  # type: ignore[call-arg]
+        return type(value)(number)
     return None
 
 

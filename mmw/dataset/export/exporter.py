@@ -26,6 +26,7 @@ from mmw.core.progress_bar import Progress
 from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.export.registry import load_format
 from mmw.storage.atomic_files import write_bytes_atomically
+from mmw.storage.finding import one_line
 from mmw.storage.store import DATASET
 
 STATE = "_export.json"
@@ -154,10 +155,10 @@ def _lookups(dataset: Dataset, where: str) -> Iterator[None]:
     try:
         yield
     except (LookupError, StopIteration) as error:
-        text = " ".join(str(error).split())
+        name = one_line(error) or type(error).__name__
         raise InputError(
-            f"{where}: {dataset.root}: {text or type(error).__name__} is named in a table or in {DATASET}, but is not "
-            f"where it belongs; `mmw verify {dataset.root}` lists what is wrong; if that is nothing, report this"
+            f"{where}: {dataset.root}: {name} is named in a table or in {DATASET}, but is not where it belongs; "
+            f"`mmw verify {dataset.root}` lists what is wrong; if that is nothing, report this"
         ) from error
 
 
