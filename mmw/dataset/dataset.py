@@ -1,7 +1,6 @@
 """Read the tables of a dataset as Arrow, pandas and NumPy; a filter skips folders and row groups."""
 
 import operator
-import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from mmw.storage.file_checks import version_number
 from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.storage.shard_writer import MARKERS
+from mmw.storage.shard_writer import MARKERS, TABLE_FILE
 from mmw.storage.table_spec import TableSpec
 
 if TYPE_CHECKING:
@@ -312,8 +311,6 @@ class Dataset:
         )
 
 
-_PART = re.compile(r"/scenario=([^/]+)/weather=([^/]+)/part-(\d+)\.parquet$")
-
 Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
 """Scenario and weather -> first frame and file of each shard, by frame."""
 
@@ -326,11 +323,11 @@ def framed_parts(table: pds.FileSystemDataset) -> Parts:
     """
     found: Parts = {}
     for fragment in table.get_fragments():
-        named = _PART.search(fragment.path)
-        if named is None:
+        named = TABLE_FILE.search(fragment.path)
+        if named is None or named["weather"] is None:
             raise InputError(f"{fragment.path}: no file of a dataset has this name; move it away")
-        scenario, weather, begin = named.groups()
-        found.setdefault((unquote(scenario), unquote(weather)), []).append((int(begin), fragment))
+        place = unquote(named["scenario"]), unquote(named["weather"])
+        found.setdefault(place, []).append((int(named["number"]), fragment))
     for some in found.values():
         some.sort(key=lambda item: item[0])
     return found

@@ -10,14 +10,12 @@ import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
-from mmw.storage.file_checks import SHARD_FILE
 from mmw.storage.finding import one_line
 from mmw.storage.schema_checks import schema_problem
-from mmw.storage.shard_writer import MARKERS
+from mmw.storage.shard_writer import MARKERS, TABLE_FILE
 from mmw.storage.table_spec import TableSpec
 
-_PLACE = re.compile(r"scenario=([^/]+)/(?:weather=([^/]+)/)?part-(\d+)\.parquet$")
-"""Scenario, weather and number in the path of a table's file; static tables have no weather."""
+_HIDDEN = re.compile(r"/[._]")
 
 NO_TABLES = ("stages", "assets")
 """Folders of a dataset that hold no tables."""
@@ -37,10 +35,10 @@ def is_published(path: str, markers: Collection[str]) -> bool:
 
     The name alone decides, so that nothing is read: `mmw verify` compares the content.
     """
-    found = _PLACE.search(path)
+    found = TABLE_FILE.search(path)
     if found is None:
         return False
-    scenario, weather, number = found.groups()
+    scenario, weather, number = found.group("scenario", "weather", "number")
     return f"{scenario}.json" in markers if weather is None else f"{scenario}.{weather}.{number}.json" in markers
 
 
@@ -54,14 +52,14 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, m
         InputError: If a folder may not be read, or a file has a name that no file of a dataset has, or is a link that
             leads nowhere: readers would leave it out.
     """
-    top = (root / table).as_posix()
-    paths = sorted(path for path in _walk(root, table, filesystem) if not re.search(r"/[._]", path[len(top) :]))
+    begin = len(root.as_posix()) + 1
+    paths = sorted(path for path in _walk(root, table, filesystem) if not _HIDDEN.search(path, begin + len(table)))
     for path in paths:
-        if not SHARD_FILE.fullmatch(path[len(root.as_posix()) + 1 :]):
+        if not TABLE_FILE.fullmatch(path, begin):
             raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
     paths = [path for path in paths if is_published(path, markers)]
     for path in paths:
-        if filesystem is None and Path(path).is_symlink() and not Path(path).exists():
+        if filesystem is None and os.path.islink(path) and not os.path.exists(path):  # noqa: PTH110, PTH114 - fast
             raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
     return paths
 

@@ -3,7 +3,6 @@
 import atexit
 import glob
 import math
-import re
 import weakref
 from collections import defaultdict
 from collections.abc import Callable, Sequence
@@ -17,6 +16,7 @@ from mmw.core.extras import needed_by
 from mmw.dataset.beams import BeamSearch, csi_sql
 from mmw.storage.finding import one_line
 from mmw.storage.schemas import SCHEMA_VERSION
+from mmw.storage.shard_writer import TABLE_FILE
 
 if TYPE_CHECKING:
     import duckdb
@@ -150,9 +150,6 @@ def point_views() -> dict[str, tuple[tuple[str, ...], str]]:
     return found
 
 
-_FILE = re.compile(r"/(scenario=[^/]+/weather=[^/]+)/part-(\d+)\.parquet$")
-"""Folder and first frame in a file's path."""
-
 _OPEN: "weakref.WeakSet[Any]" = weakref.WeakSet()
 """Open connections."""
 
@@ -226,9 +223,8 @@ def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
     """
     begins: dict[str, set[int]] = defaultdict(set)
     for file in files:
-        found = _FILE.search(file)
-        if found:
-            begins[found[1]].add(int(found[2]))
+        if found := TABLE_FILE.search(file):
+            begins[found["folder"]].add(int(found["number"]))
     cases = ""
     for folder, numbers in sorted(begins.items()):
         first, last = min(numbers), max(numbers)

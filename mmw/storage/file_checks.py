@@ -2,9 +2,10 @@
 
 import hashlib
 import os
-import re
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import PurePosixPath
 from typing import Any
@@ -22,15 +23,15 @@ from mmw.storage.parquet_writer import ROWS
 from mmw.storage.row_checks import Chunk, CountRows, check_chunk, columns_to_read
 from mmw.storage.schema_checks import schema_problem
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
-from mmw.storage.shard_writer import FILE_META, MARKERS, ShardKey, key_of, marker_path, table_path
+from mmw.storage.shard_writer import FILE_META, MARKERS, TABLE_FILE, ShardKey, key_of, marker_path, table_path
 from mmw.storage.store import Root, Store, store_of
 from mmw.storage.table_spec import TableSpec
 
 THREADS = min(os.cpu_count() or 1, 8)
 """Files that are read at once."""
 
-SHARD_FILE = re.compile(r"[^/]+/scenario=[^/]+(/weather=[^/]+)?/part-\d{6,}\.parquet")
-"""Path of a table's file, relative to the dataset folder."""
+MAX_AHEAD, AHEAD_BYTES = 8, 64 << 20
+"""Shards, and size of their files [byte], that are read before they are needed."""
 
 
 def verify(root: Root, count_rows: CountRows | None = None) -> list[Finding]:
@@ -57,38 +58,85 @@ def _find(store: Store, count_rows: CountRows | None) -> Iterator[Finding]:
         if name.endswith(".json") and name not in markers:
             yield Finding("marker", name, "cannot be read; run the configuration again")
     listed: dict[str, dict] = {}
-    chunk = Chunk("")
-    more = {} if count_rows is None else count_rows.columns
-    tables = {name: _Layout(spec, more.get(name, ())) for name, spec in TABLES.items()}
-    with ThreadPoolExecutor(THREADS) as pool:
-        for name, marker in markers.items():
-            yield from _check_version(name, marker["schema_version"])
-            key = key_of(marker)
-            if marker_path(key).as_posix() != name:
-                text = f"is the marker of {key}; put its own back, or run the configuration again"
-                yield Finding("marker", name, text)
-                continue
-            if chunk.is_full or chunk.scenario != marker["scenario"]:
-                yield from check_chunk(chunk, count_rows)
-                chunk = Chunk(marker["scenario"])
-            chunk.keys.append(key)
-            found = list(_check_listed(marker, key, head, listed))
-            if not found:
-                files = marker["files"]
-                read = pool.map(lambda file, marker=marker: _read_file(store, file, marker, tables), files)
-                for file, (problems, rows) in zip(files, read, strict=True):
-                    found += problems
-                    if rows is not None:
-                        chunk.add(file["table"], rows, file["bytes"])
-            if found:
-                chunk.wrong.add(len(chunk.keys) - 1)
-            listed.update((file["path"], file) for file in marker["files"])
-            yield from found
-    yield from check_chunk(chunk, count_rows)
+    yield from _check_files(store, head, markers, listed, count_rows)
     yield from check_makers(head, markers)
     yield from _check_overlaps(markers)
     yield from _check_others(store, listed)
     yield from check_manifest(store, markers)
+
+
+def _check_files(
+    store: Store, head: Mapping[str, Any], markers: Mapping[str, dict], listed: dict[str, dict],
+    count_rows: CountRows | None,
+) -> Iterator[Finding]:  # fmt: skip
+    """Yield what is wrong with markers, their files and the rows of these, and add the files to `listed`.
+
+    The rows of a chunk are checked while the files of the next are read.
+    """
+    more = {} if count_rows is None else count_rows.columns
+    tables = {name: _Layout(spec, more.get(name, ())) for name, spec in TABLES.items()}
+    with ThreadPoolExecutor(THREADS) as pool, ThreadPoolExecutor(1) as checking:
+
+        def begin(name: str, marker: dict) -> _Shard:
+            found = list(_check_marker(name, marker, head, listed))
+            reads = [] if found else [pool.submit(_read_file, store, file, marker, tables) for file in marker["files"]]
+            if marker_path(key_of(marker)).as_posix() == name:  # else the files are another shard's
+                listed.update((file["path"], file) for file in marker["files"])
+            return _Shard(marker, found, reads)
+
+        def check(chunk: Chunk) -> list[Finding]:
+            return list(check_chunk(chunk, count_rows))
+
+        chunk, checked = Chunk(""), checking.submit(check, Chunk(""))
+        for shard in _ahead(begin, markers):
+            if chunk.is_full or chunk.scenario != shard.marker["scenario"]:
+                yield from checked.result()
+                chunk, checked = Chunk(shard.marker["scenario"]), checking.submit(check, chunk)
+            chunk.keys.append(key_of(shard.marker))
+            for file, read in zip(shard.marker["files"], shard.reads, strict=False):  # no file of a wrong marker
+                problems, rows = read.result()
+                shard.found.extend(problems)
+                if rows is not None:
+                    chunk.add(file["table"], rows, file["bytes"])
+            if shard.found:
+                chunk.wrong.add(len(chunk.keys) - 1)
+            yield from shard.found
+        yield from checked.result()
+        yield from check(chunk)
+
+
+@dataclass
+class _Shard:
+    """A marker whose files are being read."""
+
+    marker: dict
+    found: list[Finding]
+    reads: list[Future[tuple[list[Finding], pa.Table | None]]]
+
+    @property
+    def nbytes(self) -> int:
+        """Size of its files [byte]."""
+        return sum(file["bytes"] for file in self.marker["files"])
+
+
+def _ahead(begin: Callable[[str, dict], _Shard], markers: Mapping[str, dict]) -> Iterator[_Shard]:
+    """Yield shards in order, of which the next ones are begun, as many as are small."""
+    begun: deque[_Shard] = deque()
+    for name, marker in markers.items():
+        begun.append(begin(name, marker))
+        while len(begun) > MAX_AHEAD or sum(shard.nbytes for shard in begun) > AHEAD_BYTES:
+            yield begun.popleft()
+    yield from begun
+
+
+def _check_marker(name: str, marker: dict, head: Mapping[str, Any], listed: Mapping[str, dict]) -> Iterator[Finding]:
+    """Yield what is wrong with a marker and its list of files."""
+    key = key_of(marker)
+    if marker_path(key).as_posix() != name:
+        yield Finding("marker", name, f"is the marker of {key}; put its own back, or run the configuration again")
+        return
+    yield from _check_version(name, marker["schema_version"])
+    yield from _check_listed(marker, key, head, listed)
 
 
 def check_makers(head: Mapping[str, Any], markers: Mapping[str, dict]) -> Iterator[Finding]:
@@ -164,6 +212,15 @@ class _Layout:
         self.spec, self.schema, self.more = spec, arrow_schema(spec), more
         self.to_read = columns_to_read(self.schema, spec.key, more)
         self.needed = ["scenario", *(["weather"] if spec.framed else []), *spec.key, *more]
+        self._known: dict[bytes, pq.ParquetSchema] = {}
+
+    def is_known(self, metadata: pq.FileMetaData, stored: bytes) -> bool:
+        """Return whether another file with the same schemas, of Arrow and of Parquet, was found to be right."""
+        return stored in self._known and metadata.schema.equals(self._known[stored])
+
+    def remember(self, metadata: pq.FileMetaData, stored: bytes) -> None:
+        """Remember the schemas of a file in which nothing is wrong."""
+        self._known[stored] = metadata.schema
 
 
 def _read_file(
@@ -186,25 +243,30 @@ def _read_file(
         return [Finding("schema", name, text)], None
     try:
         with pq.ParquetFile(pa.BufferReader(data)) as parquet:
-            schema = parquet.schema_arrow
-            found = list(_check_content(parquet.metadata, schema, file, marker, table))
+            metadata = parquet.metadata
+            meta = metadata.metadata or {}
+            found = list(_check_footer(metadata.num_rows, meta, file, marker))
+            version = meta.get(b"mmw.schema_version", b"none")
+            needed, stored = table.to_read, meta.get(b"ARROW:schema", b"") + version
+            if not table.is_known(metadata, stored):
+                schema = parquet.schema_arrow
+                found += _check_schema(schema, _text(version), name, table)
+                if len(schema) != len(table.schema):  # of an older schema version
+                    needed = columns_to_read(schema, table.spec.key, table.more)
+                elif not found:
+                    table.remember(metadata, stored)
             if found:
                 return found, None
-            is_whole = len(schema) == len(table.schema)  # else of an older schema version
-            needed = table.to_read if is_whole else columns_to_read(schema, table.spec.key, table.more)
             return [], parquet.read(columns=needed, use_threads=False)
     except (pa.ArrowException, OSError) as error:
         return [Finding("parquet", name, f"cannot be read: {one_line(error)}")], None
 
 
-def _check_content(
-    metadata: pq.FileMetaData, found: pa.Schema, file: dict, marker: dict, table: _Layout
-) -> Iterator[Finding]:
-    """Yield what is wrong with the footer of a file."""
-    name, count, own = file["path"], metadata.num_rows, table.schema
+def _check_footer(count: int, meta: Mapping[bytes, bytes], file: dict, marker: dict) -> Iterator[Finding]:
+    """Yield what is wrong with the number of rows and the file-level keys of a file."""
+    name = file["path"]
     if count != file["rows"]:
         yield Finding("rows", name, f"{count} rows; the marker has {file['rows']}")
-    meta = metadata.metadata or {}
     written = meta.get(ROWS.encode())
     if written and written != str(count).encode():
         yield Finding("rows", name, f"{count} rows; {_text(written)} were written; it was changed since")
@@ -212,7 +274,11 @@ def _check_content(
         text = meta.get(label.encode())
         if text is not None and text != str(marker.get(key)).encode():
             yield Finding("marker", name, f"{key} is {_text(text)[:80]}; the marker has another")
-    version = _text(meta.get(b"mmw.schema_version", b"none"))
+
+
+def _check_schema(found: pa.Schema, version: str, name: str, table: _Layout) -> Iterator[Finding]:
+    """Yield what is wrong with the columns of a file."""
+    own = table.schema
     if version != SCHEMA_VERSION:
         yield from _check_version(name, version)
     if version == SCHEMA_VERSION:
@@ -249,7 +315,7 @@ def _check_others(store: Store, listed: dict[str, dict]) -> Iterator[Finding]:
         top = name.partition("/")[0]
         if is_temporary(PurePosixPath(name)):
             yield Finding("temporary", name, "left by a killed run")
-        elif top in tables and SHARD_FILE.fullmatch(name) and store.sizes([name]):
+        elif top in tables and TABLE_FILE.fullmatch(name) and store.sizes([name]):
             text = "no marker lists the file, but pandas and DuckDB take its rows; finish the run, or move it away"
             yield Finding("orphan", name, text)
         elif top in tables:

@@ -6,6 +6,7 @@ shard exist. A killed run may leave files without a marker: they are valid, and 
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -61,6 +62,13 @@ def table_path(table: str, key: ShardKey | str) -> Path:
     if isinstance(key, str):
         return Path(table, f"scenario={key}", "part-000000.parquet")
     return Path(table, f"scenario={key.scenario}", f"weather={key.weather}", f"part-{key.frame_begin:06d}.parquet")
+
+
+TABLE_FILE = re.compile(
+    r"(?P<table>[^/]+)/(?P<folder>scenario=(?P<scenario>[^/]+)(?:/weather=(?P<weather>[^/]+))?)"
+    r"/part-(?P<number>\d{6,})\.parquet$"
+)
+"""What `table_path` returns; `search` finds it at the end of an absolute path. Static tables have no weather."""
 
 
 def marker_path(key: ShardKey | str) -> Path:

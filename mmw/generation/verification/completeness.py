@@ -15,14 +15,17 @@ from mmw.core.errors import InputError
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.generation.verification.actor_counts import COUNTED, Counts, check_counts, expected_counts
-from mmw.generation.verification.row_counts import COLUMNS, count_rows
+from mmw.generation.verification.row_counts import COLUMNS, TEXTS, count_rows
 from mmw.generation.verification.stage_files import CURE, check_stages
 from mmw.storage.finding import Finding, one_line
 from mmw.storage.identity import config_differences
 from mmw.storage.manifest import CARD, CONFIG, DATASET, MANIFEST, named_markers, read_dataset
-from mmw.storage.row_checks import SHARD, Chunk
+from mmw.storage.row_checks import SHARD, Chunk, Names
 from mmw.storage.shard_writer import MARKERS, ShardKey, marker_path, table_path
 from mmw.storage.store import Store
+
+STATIC = {"sensors": ("agent", "sensor"), "objects": ("object_id",), "materials": ("weather", "material_id")}
+"""Static table -> columns of which the shards of a scenario need values."""
 
 
 def read_plan(store: Store) -> tuple[Config | None, list[Finding]]:
@@ -54,7 +57,7 @@ class PlannedRows:
         self._counts: dict[str, Counts] = {}
         self._agents: dict[str, set[tuple[str, str]]] = defaultdict(set)
         self._objects: dict[str, set[int]] = defaultdict(set)
-        self._static: dict[str, Mapping[str, pa.Table]] = {}
+        self._static: dict[str, dict[str, dict[str, list]]] = {}
         self.findings: list[Finding] = []
         for scenario in config.scenarios:
             name = marker_path(scenario.name).as_posix()
@@ -75,13 +78,17 @@ class PlannedRows:
             is_counted = isinstance(key, ShardKey) and index not in chunk.wrong
             frames.append(range(key.frame_begin, key.frame_end) if is_counted else range(0))
             if isinstance(key, str) and index not in chunk.wrong:
-                self._static[chunk.scenario] = tables
+                self._static[chunk.scenario] = {
+                    table: {name: _values(tables, table, name, chunk.names) for name in columns}
+                    for table, columns in STATIC.items() if table in tables
+                }  # fmt: skip
         yield from self._check_actors(chunk, tables)
-        for table, shard, text in count_rows(self._config, frames, tables):
+        for table, shard, text in count_rows(self._config, frames, tables, chunk.names):
             yield Finding("count", chunk.path(table, shard), text)
         if "poses" in tables:
-            agents = tables["poses"].group_by(["agent", "role"], use_threads=False).aggregate([])
-            self._agents[chunk.scenario] |= set(zip(*(column.to_pylist() for column in agents.columns), strict=True))
+            agents = {"poses": tables["poses"].group_by(["agent", "role"], use_threads=False).aggregate([])}
+            columns = [_values(agents, "poses", name, chunk.names) for name in ("agent", "role")]
+            self._agents[chunk.scenario] |= set(zip(*columns, strict=True))
         for table in tables.keys() & {"poses", "boxes"}:
             self._objects[chunk.scenario] |= set(tables[table]["object_id"].unique().to_pylist())
 
@@ -112,16 +119,22 @@ class PlannedRows:
                 ("materials", "weather"): {(weather,) for weather in config.weathers},
             }
             for (table, *columns), wanted in needed.items():
-                lists = [tables[table][name].to_pylist() for name in columns] if table in tables else []
+                lists = [tables[table][name] for name in columns] if table in tables else []
                 if missing := sorted(wanted - set(zip(*lists, strict=True))):
                     first = ", ".join(f"{column} {value}" for column, value in zip(columns, missing[0], strict=True))
                     text = f"{len(missing)} rows are missing, the first {first}"
                     yield Finding("count", table_path(table, scenario).as_posix(), text)
             for table, column in (("objects", "object_id"), ("materials", "material_id")):
-                found = set(tables[table][column].to_pylist()) if table in tables else set()
+                found = set(tables[table][column]) if table in tables else set()
                 if found != set(range(len(found))):
                     text = f"{column} does not count from 0 to {max(found)}; rows are missing"
                     yield Finding("count", table_path(table, scenario).as_posix(), text)
+
+
+def _values(tables: Mapping[str, pa.Table], table: str, column: str, names: Names) -> list:
+    """Return the values of a column, with the names for which numbers stand."""
+    values = tables[table][column].to_pylist()
+    return [names.texts[value] for value in values] if column in TEXTS else values
 
 
 def check_plan(store: Store, config: Config) -> list[Finding]:

@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 
 from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
-from mmw.storage.row_checks import SHARD
+from mmw.storage.row_checks import SHARD, Names
 
 Tables = Mapping[str, pa.Table]
 """Rows of some shards by table, with the index of the shard in the column `SHARD`."""
@@ -40,28 +40,32 @@ COLUMNS = {
 """Table -> columns beside those of its key from which rows of other tables follow."""
 
 TYPES = {
-    SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.string(), "peer": pa.string(), "sensor": pa.string(),
-    "role": pa.string(), "object_id": pa.int32(), "carrier_hz": pa.float64(), "pixels": pa.int64(),
+    SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.int32(), "peer": pa.int32(), "sensor": pa.int32(),
+    "role": pa.int32(), "object_id": pa.int32(), "carrier_hz": pa.float64(), "pixels": pa.int64(),
     "path_count": pa.int64(), "cav_count": pa.int64(), "rsu_count": pa.int64(), "vehicle_count": pa.int64(),
     "pedestrian_count": pa.int64(), COUNT: pa.int64(),
 }  # fmt: skip
-"""Column -> type in which it is compared."""
+"""Column -> type in which it is compared; names are numbers, see `Names`."""
+
+TEXTS = ("agent", "peer", "sensor", "role", "weather")
+"""Columns of names."""
 
 
-def count_rows(config: Config, frames: Sequence[range], tables: Tables) -> Iterator[tuple[str, int, str]]:
+def count_rows(config: Config, frames: Sequence[range], tables: Tables, names: Names) -> Iterator[tuple[str, int, str]]:
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
     Args:
         config: Configuration of the dataset.
         frames: Frames of each shard; none for a shard that is not to be compared.
         tables: Their rows.
+        names: Names whose numbers they hold.
 
     Yields:
         Table, index of a shard, and what is wrong with it.
     """
-    for table, expected in _expected(config, frames, tables):
+    for table, expected in _expected(config, frames, tables, names):
         key = KEY_OF.get(table, SAMPLE_KEY)
-        for shard, text in _differences(expected, _select(tables, table, (SHARD, *key))):
+        for shard, text in _differences(expected, _select(tables, table, (SHARD, *key)), names):
             yield table, shard, text
 
 
@@ -71,40 +75,39 @@ def _select(tables: Tables, table: str, columns: Sequence[str]) -> pa.Table:
     return tables[table].select(list(columns)).cast(schema) if table in tables else schema.empty_table()
 
 
-def _differences(expected: pa.Table, found: pa.Table) -> Iterator[tuple[int, str]]:
+def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[tuple[int, str]]:
     """Yield shards whose rows are not the expected ones: how many are missing or too many, and the first of them."""
     key = [name for name in expected.column_names if name != COUNT]
-    wanted = expected.group_by(key, use_threads=False).aggregate([(COUNT, "sum")])
-    there = found.group_by(key, use_threads=False).aggregate([([], "count_all")])
-    both = wanted.join(there, keys=key, join_type="full outer", use_threads=False)
-    more = pc.subtract(pc.fill_null(both["count_all"], 0), pc.fill_null(both[f"{COUNT}_sum"], 0))
-    both = both.select(key).append_column(COUNT, more).filter(pc.not_equal(more, 0))
+    lacking = pa.array(np.full(found.num_rows, -1))
+    both = pa.concat_tables([expected, found.append_column(COUNT, lacking).select(expected.column_names)])
+    sums = both.group_by(key, use_threads=False).aggregate([(COUNT, "sum")])
     rows: dict[tuple[int, bool], list[tuple[str, int]]] = {}
-    for row in both.to_pylist():
-        shard, count = row.pop(SHARD), row.pop(COUNT)
-        name = ", ".join(f"{column} {value}" for column, value in row.items())
-        rows.setdefault((shard, count > 0), []).append((name, abs(count)))
-    for (shard, is_more), names in sorted(rows.items()):
+    for row in sums.filter(pc.not_equal(sums[f"{COUNT}_sum"], 0)).to_pylist():
+        shard, missing = row.pop(SHARD), row.pop(f"{COUNT}_sum")
+        texts = {column: names.texts[value] if column in TEXTS else value for column, value in row.items()}
+        name = ", ".join(f"{column} {value}" for column, value in texts.items())
+        rows.setdefault((shard, missing < 0), []).append((name, abs(missing)))
+    for (shard, is_more), places in sorted(rows.items()):
         what = "rows too many" if is_more else "rows are missing"
-        yield shard, f"{sum(count for _, count in names)} {what}, the first {min(names)[0]}"
+        yield shard, f"{sum(count for _, count in places)} {what}, the first {min(places)[0]}"
 
 
-def _expected(config: Config, frames: Sequence[range], tables: Tables) -> Iterator[tuple[str, pa.Table]]:
+def _expected(config: Config, frames: Sequence[range], tables: Tables, names: Names) -> Iterator[tuple[str, pa.Table]]:
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
     numbers = np.concatenate([np.asarray(each) for each in frames]) if frames else []
     yield "frames", _counted({SHARD: shards, "frame": numbers}, 1)
     counts = _select(tables, "frames", (SHARD, "frame", *COLUMNS["frames"]))
     place = {SHARD: counts[SHARD], "frame": counts["frame"]}
-    roles = {role: {**place, "role": np.full(len(counts), role)} for role in ("cav", "rsu")}
+    roles = {role: {**place, "role": np.full(len(counts), names.number(role))} for role in ("cav", "rsu")}
     yield "poses", pa.concat_tables(_counted(columns, counts[f"{role}_count"]) for role, columns in roles.items())
     yield "boxes", _counted(place, pc.add(counts["vehicle_count"], counts["pedestrian_count"]))
     poses = _select(tables, "poses", (SHARD, "frame", "agent", "role", "object_id"))
-    yield from _samples(config, poses)
+    yield from _samples(config, poses, names)
     boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
-    yield "box_visibility", _visibility(config, tables, poses, boxes)
+    yield "box_visibility", _visibility(config, tables, poses, boxes, names)
     if config.channel.enabled:
-        yield "links", _links(config, poses)
+        yield "links", _links(config, poses, names)
         links = _select(tables, "links", (SHARD, *KEY_OF["links"], "path_count"))
         yield "paths", _counted({name: links[name] for name in (SHARD, *KEY_OF["paths"])}, links["path_count"])
 
@@ -123,20 +126,22 @@ def _with(table: pa.Table, name: str, value: Any) -> pa.Table:
     return table.append_column(name, pa.array(np.full(table.num_rows, value)).cast(TYPES[name]))
 
 
-def _samples(config: Config, poses: pa.Table) -> Iterator[tuple[str, pa.Table]]:
+def _samples(config: Config, poses: pa.Table, names: Names) -> Iterator[tuple[str, pa.Table]]:
     """Yield the tables of sensors with a number of rows for each sample, and that number."""
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
     for sensor in config.sensors:
-        is_due = pc.and_(pc.is_in(poses["role"], pa.array(sensor.on)), pa.array(frame % sensor.period_frames == 0))
+        is_due = pc.and_(
+            pc.is_in(poses["role"], pa.array(names.numbers(sensor.on))), pa.array(frame % sensor.period_frames == 0)
+        )
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
-            found.setdefault(table, []).append(_with(_with(due, "sensor", sensor.name), COUNT, each))
+            found.setdefault(table, []).append(_with(_with(due, "sensor", names.number(sensor.name)), COUNT, each))
     for table, parts in found.items():
         yield table, pa.concat_tables(parts)
 
 
-def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table) -> pa.Table:
+def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table, names: Names) -> pa.Table:
     """Return the rows of `box_visibility`: boxes on which a sensor has a return, a point or a pixel; all for antennas.
 
     Objects without a box, such as buildings, have no row.
@@ -147,9 +152,10 @@ def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table
     for table in sorted(used & {"lidar", "radar"} & set(tables)):
         rows = tables[table].select([SHARD, *SAMPLE_KEY, "object_id"]).combine_chunks()
         lists = rows["object_id"].combine_chunks()
-        points = pa.table({"row": pc.list_parent_indices(lists), "object_id": pc.list_flatten(lists)})
-        pairs = points.group_by(["row", "object_id"], use_threads=False).aggregate([])
-        parts.append(rows.drop_columns("object_id").take(pairs["row"]).append_column("object_id", pairs["object_id"]))
+        row, object_id = (part.to_numpy() for part in (pc.list_parent_indices(lists), pc.list_flatten(lists)))
+        pairs = pc.unique(pa.array(row.astype(np.int64) << 32 | object_id.astype(np.uint32))).to_numpy()
+        found = rows.drop_columns("object_id").take(pa.array(pairs >> 32))
+        parts.append(found.append_column("object_id", pa.array(pairs.astype(np.int32))))
     seen = _select({"all": pa.concat_tables(parts)} if parts else {}, "all", key)
     seen = seen.join(boxes, keys=[SHARD, "frame", "object_id"], join_type="left semi", use_threads=False)
     pixels = _select(tables, "boxes_2d", (*key, "pixels"))
@@ -158,18 +164,18 @@ def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table
         own = poses.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
         pairs = own.join(boxes, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
         pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
-        parts.append(_with(pairs, "sensor", "antenna"))
+        parts.append(_with(pairs, "sensor", names.number("antenna")))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
-def _links(config: Config, poses: pa.Table) -> pa.Table:
+def _links(config: Config, poses: pa.Table, names: Names) -> pa.Table:
     """Return the rows of `links`: from each peer to each CAV, for each carrier."""
     agents = poses.select([SHARD, "frame", "agent", "role"])
     peers = agents.rename_columns([SHARD, "frame", "peer", "kind"])
-    cavs = agents.filter(pc.equal(agents["role"], "cav"))
+    cavs = agents.filter(pc.equal(agents["role"], names.number("cav")))
     pairs = cavs.join(peers, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
     pairs = pairs.filter(pc.not_equal(pairs["agent"], pairs["peer"]))
-    kinds = pc.if_else(pc.equal(pairs["kind"], "rsu"), "v2i", "v2v")
+    kinds = pc.if_else(pc.equal(pairs["kind"], names.number("rsu")), "v2i", "v2v")
     pairs = pairs.filter(pc.is_in(kinds, pa.array(config.channel.links, pa.string())))
     columns = [SHARD, *KEY_OF["links"], COUNT]
     carriers = config.channel.carriers_hz
