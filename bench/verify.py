@@ -17,13 +17,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.cli.run import main as run
-from mmw.cli.verify import check
+from mmw.cli.verify import WORKERS, check
 from mmw.generation.verification.row_counts import COLUMNS
-from mmw.storage.file_checks import THREADS
 from mmw.storage.manifest import read_markers
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.row_checks import columns_to_read
 from mmw.storage.schemas import TABLES
+from mmw.storage.shard_files import THREADS
 from mmw.storage.store import Store
 
 RUN = (
@@ -59,7 +59,7 @@ def read_all(root: Path) -> None:
 
 def verify(root: Path, frames: int) -> None:
     """Run `mmw verify`; a finding ends the measurement."""
-    if findings := check(root, frames):
+    if findings := check(root, frames, WORKERS):
         raise SystemExit(f"{root}: {findings[0]}")
 
 

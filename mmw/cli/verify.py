@@ -1,8 +1,10 @@
 """Verify that a dataset is complete, intact and physically consistent: `mmw verify`."""
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
+from functools import partial
 
 from mmw.cli.command import run_command
 from mmw.core.errors import InputError
@@ -12,6 +14,9 @@ from mmw.storage.store import Root, store_of
 
 MAX_LINES = 40
 """Findings that are printed."""
+
+WORKERS = min(os.cpu_count() or 1, 8)
+"""Processes that read files; each holds up to about 300 MB."""
 
 
 def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
@@ -29,13 +34,17 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
     parser.add_argument(
         "--frames", type=int, default=5, metavar="N", help="frames of each scenario and weather held against physics"
     )
+    parser.add_argument(
+        "--workers", type=int, default=WORKERS, metavar="N",
+        help="processes that read the files of a dataset of many shards (here %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N, for --rerender")
     return run_command(parser, _verify, argv)
 
 
 def _verify(arguments: argparse.Namespace) -> int:
     root = store_of(arguments.dataset)
-    findings = check(root, arguments.frames)
+    findings = check(root, arguments.frames, arguments.workers)
     if arguments.rerender and not any(finding.is_error for finding in findings):
         from mmw.generation.verification.reproducibility import rerender
 
@@ -56,19 +65,26 @@ def _verify(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def check(root: Root, frames_each: int) -> list[Finding]:
+def check(root: Root, frames_each: int, workers: int = 1) -> list[Finding]:
     """Return what is wrong with files, then counts, then physics; physics only where files and counts are right.
+
+    Args:
+        root: Dataset.
+        frames_each: Frames of each scenario and weather that are held against physics.
+        workers: Processes that read files if there are many shards; they know sensors of installed packages alone.
 
     Raises:
         InputError: If the folder is not a dataset, or its configuration cannot be read.
     """
-    from mmw.generation.verification.completeness import PlannedRows, check_plan, read_plan
+    from mmw.generation.verification.completeness import check_plan, read_plan
     from mmw.generation.verification.physics import check_physics
+    from mmw.generation.verification.planned_rows import PlannedRows
+    from mmw.generation.verification.workers import check_files
 
     store = store_of(root)
     config, problems = read_plan(store)
     rows = None if config is None else PlannedRows(store, config)
-    findings = verify(store, rows)
+    findings = verify(store, partial(check_files, rows=rows, workers=workers))
     if any(finding.path == "dataset.json" for finding in findings):
         return findings  # of another schema: nothing else can be judged
     if config is not None and rows is not None:

@@ -20,9 +20,8 @@ from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.files import damage_of, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
-from mmw.storage.file_checks import version_number
 from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
-from mmw.storage.schema_checks import schema_problem
+from mmw.storage.schema_checks import schema_problem, version_number
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.storage.shard_writer import MARKERS, TABLE_FILE
 from mmw.storage.table_spec import TableSpec

@@ -30,9 +30,10 @@ from mmw.generation.capture import capture_frames
 from mmw.generation.pipeline import join_batches, make_batch
 from mmw.generation.provenance import stored_config
 from mmw.scene.input_files import hash_inputs
-from mmw.scene.prepare import ASSETS, STAGES, read_scenario, stored_stage
+from mmw.scene.prepare import read_scenario, stored_stage
 from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
+from mmw.scene.stage_digests import ASSETS, STAGES
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.arrow_tables import check_table, table_from_columns
 from mmw.storage.identity import changed_inputs

@@ -3,7 +3,6 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
@@ -17,18 +16,13 @@ from mmw.scene.sources import scenario_source, weather_variants
 from mmw.scene.stage.asset_copies import asset_digests
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.stage.rsu_overlay import overlay_rsus
+from mmw.scene.stage_digests import ASSETS, STAGES, parse_digests
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.store import Store
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import VehicleModel, load_catalog, load_figures
-
-STAGES = "stages"
-"""Folder of the scenario stages in a dataset."""
-
-ASSETS = "assets"
-"""Folder of the copies that they refer to."""
 
 
 def cached_stage(
@@ -113,16 +107,6 @@ def _write_digests(note: Path, stage: Path, root: Path, source: str, inputs: Map
     assets = dict(sorted(asset_digests(stage, root).items()))
     content = {"sha256": sha256(stage), "source": source, "assets": assets, "inputs": dict(sorted(inputs.items()))}
     write_bytes_atomically(note, json.dumps(content, indent=1).encode())
-
-
-def parse_digests(data: bytes | None) -> dict[str, Any] | None:
-    """Return the hashes that were written beside a stage; None if there are none, or they are damaged."""
-    try:
-        found = json.loads(data or b"")
-    except (ValueError, RecursionError):
-        return None
-    is_complete = isinstance(found, dict) and isinstance(found.get("sha256"), str)
-    return found if is_complete and isinstance(found.get("assets"), dict) else None
 
 
 def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:

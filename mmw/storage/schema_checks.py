@@ -1,14 +1,41 @@
-"""Compare the columns of a file with those of its table, as readers need them."""
+"""Compare the schema version of a file with that of this mmw, and its columns with what readers need."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import pyarrow as pa
 
+from mmw.core.errors import InputError
+from mmw.storage.finding import Finding
 from mmw.storage.schemas import SCHEMA_VERSION
 from mmw.storage.table_spec import TableSpec
 
 MAX_NAMES = 6
 """Columns that a message names."""
+
+
+def version_number(text: str) -> tuple[int, int]:
+    """Return the major and minor number of a schema version.
+
+    Raises:
+        InputError: If the text is not a version.
+    """
+    major, dot, minor = str(text).partition(".")
+    if not (dot and major.isdecimal() and minor.isdecimal() and len(text) < 20):
+        raise InputError(f"schema version {text!r} is not MAJOR.MINOR; the file is damaged or of another program")
+    return int(major), int(minor)
+
+
+def check_version(path: str, text: str) -> Iterator[Finding]:
+    """Yield why a schema version is none that this mmw reads."""
+    try:
+        found, own = version_number(text), version_number(SCHEMA_VERSION)
+    except InputError as error:
+        yield Finding("schema", path, str(error))
+        return
+    if found > own:
+        yield Finding("schema", path, f"schema {text} is newer than {SCHEMA_VERSION} of this mmw; update mmw")
+    elif found[0] < own[0]:
+        yield Finding("schema", path, f"schema {text} is older than {own[0]}.0; use the mmw that made it")
 
 
 def schema_problem(found: pa.Schema, spec: TableSpec, columns: Sequence[str] | None = None) -> str:

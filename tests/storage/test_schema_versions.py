@@ -10,8 +10,9 @@ import pyarrow.parquet as pq
 import pytest
 
 import mmw
-from mmw.storage.file_checks import verify, version_number
+from mmw.storage.file_checks import verify
 from mmw.storage.manifest import prepare_root
+from mmw.storage.schema_checks import version_number
 from mmw.storage.schemas import SCHEMA_VERSION
 from mmw.storage.shard_writer import ShardKey
 from tests.fixtures.edit_files import agree, edit_json

@@ -6,7 +6,7 @@ from pathlib import PurePosixPath
 
 from mmw.config import Config
 from mmw.core.temp_files import is_temporary
-from mmw.scene.prepare import ASSETS, STAGES, parse_digests
+from mmw.scene.stage_digests import ASSETS, STAGES, parse_digests
 from mmw.storage.finding import Finding
 from mmw.storage.identity import Hashes
 from mmw.storage.store import Store

@@ -16,8 +16,9 @@ from mmw.cli.verify import check
 from mmw.generation.provenance import stored_config
 from mmw.generation.verification.physics import _in_depth, check_physics
 from mmw.generation.verification.reproducibility import choose_rows, rerender
-from mmw.storage.file_checks import verify, version_number
+from mmw.storage.file_checks import verify
 from mmw.storage.manifest import finalize
+from mmw.storage.schema_checks import version_number
 from tests.fixtures.edit_files import agree, edit_bytes, edit_json
 from tests.fixtures.small_dataset import SCENARIO, copy_of, one_scene, part, replace_column, rewrite, small_dataset
 
