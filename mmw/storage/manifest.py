@@ -308,7 +308,7 @@ def _parse_marker(data: bytes) -> dict[str, Any] | None:
         and all(_fits(file, FILE_TYPES) for file in marker["files"])
         and all(_is_a(marker.get(name), _META_TYPES.get(name, str) | None) for name in (*META_KEYS, "created_utc"))
         and all((marker[name] is not None) == is_framed for name in ("frame_begin", "frame_end"))
-        and (marker["frame_end"] or 0) <= MAX_FRAME
+        and all((marker[name] or 0) <= MAX_FRAME for name in ("frame_begin", "frame_end"))
     )
     return marker if is_complete else None
 

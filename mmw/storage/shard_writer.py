@@ -68,7 +68,7 @@ TABLE_FILE = re.compile(
     r"(?P<table>[^/]+)/(?P<folder>scenario=(?P<scenario>[^/]+)(?:/weather=(?P<weather>[^/]+))?)"
     r"/part-(?P<number>\d{6,})\.parquet$"
 )
-"""What `table_path` returns; `search` finds it at the end of an absolute path. Static tables have no weather."""
+"""Path that `table_path` returns; `search` finds it at the end of an absolute path. Static tables have no weather."""
 
 
 def marker_path(key: ShardKey | str) -> Path:

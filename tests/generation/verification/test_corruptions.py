@@ -138,7 +138,7 @@ def on_markers(root: Path) -> Iterator[Damage]:
     for values in (
         {"scenario": "other"}, {"weather": "rainy"}, {"frame_begin": 1}, {"frame_end": 3}, {"config_sha256": "0" * 64},
         {"schema_version": "9.9"}, {"schema_version": "x"}, {"files": []}, {"files": None}, {"weather": None},
-        {"mmw_version": 3}, {"seconds": True}, {"frame_end": 2**31}, {"frame_begin": -1},
+        {"mmw_version": 3}, {"seconds": True}, {"frame_end": 2**31}, {"frame_begin": 2**31}, {"frame_begin": -1},
         {"files": [{"table": "../../x", "path": "../../x", "rows": 1, "bytes": 1, "sha256": ""}]},
     ):  # fmt: skip
         yield f"marker {values}", lambda root, values=values: marked(root, **values)
