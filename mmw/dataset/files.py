@@ -2,6 +2,7 @@
 
 import os
 import re
+import stat
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
 
@@ -50,7 +51,7 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, m
 
     Raises:
         InputError: If a folder may not be read, or a file has a name that no file of a dataset has, or is a link that
-            leads nowhere: readers would leave it out.
+            leads nowhere, or is a pipe: readers would leave it out, or wait.
     """
     begin = len(root.as_posix()) + 1
     paths = sorted(path for path in _walk(root, table, filesystem) if not _HIDDEN.search(path, begin + len(table)))
@@ -58,9 +59,14 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, m
         if not TABLE_FILE.fullmatch(path, begin):
             raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
     paths = [path for path in paths if is_published(path, markers)]
-    for path in paths:
-        if filesystem is None and os.path.islink(path) and not os.path.exists(path):  # noqa: PTH110, PTH114 - fast
-            raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
+    for path in paths if filesystem is None else ():
+        mode = os.lstat(path).st_mode
+        if stat.S_ISLNK(mode):
+            if not os.path.exists(path):  # noqa: PTH110 - fast
+                raise InputError(f"{path}: cannot be read (it is a link that leads nowhere); put the file back")
+            mode = os.stat(path).st_mode  # noqa: PTH116 - fast
+        if not stat.S_ISREG(mode):  # readers would wait for a pipe
+            raise InputError(f"{path}: is no file but a folder, a pipe or a device; remove it")
     return paths
 
 

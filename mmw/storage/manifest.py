@@ -152,6 +152,9 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     wrong = [key for key, type_ in HEAD_TYPES.items() if not isinstance(head[key], type_)]
     if "inputs" in head and not (is_hashes(head["inputs"]) and isinstance(head.get("inputs_sha256"), str)):
         wrong.append("inputs")
+    versions = head["versions"] if isinstance(head["versions"], dict) else {}
+    if not is_hashes({"packages": versions.get("packages", {})}) or not is_hashes(versions.get("sources", {})):
+        wrong.append("versions")
     if wrong:
         raise InputError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
     return head

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from mmw.config import Config, load_config
+from mmw.config import Config
 from mmw.core.errors import InputError
+from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.storage.file_checks import check_manifest
 from mmw.storage.manifest import (
@@ -112,7 +113,7 @@ def take_inventory(root: Path) -> Inventory:
     shards.sort(key=lambda one: (one["scenario"], order.get(one["weather"], len(order)), one["frame_begin"]))
     config, planned, pending = None, None, []
     try:
-        config = load_config(root / CONFIG)
+        config = stored_config(root)
     except (InputError, OSError) as error:
         reason = "; ".join(error.problems) if isinstance(error, InputError) else str(error)
         notes.append(f"{CONFIG} cannot be read, so the pending work is not known ({' '.join(reason.split())})")

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from mmw.config import Config
 from mmw.storage.manifest import CONFIG
 from mmw.viz.report.html import count, details, plural, table, text
 from mmw.viz.report.inventory import Inventory
@@ -31,7 +32,7 @@ def provenance_section(inventory: Inventory) -> str:
     ]  # fmt: skip
     for scenario, files in (*versions.get("sources", {}).items(), *head.get("inputs", {}).items()):
         rows += [(f"{scenario}: {name}", f"SHA-256 {digest}") for name, digest in files.items()]
-    parts = [table(("", ""), rows), _weathers(head["config"].get("air", {}))]
+    parts = [table(("", ""), rows), _weathers(inventory.config)]
     path = inventory.root / CONFIG
     if path.is_file():
         parts.append(details(CONFIG, f"<pre>{text(path.read_text(encoding='utf-8', errors='replace'))}</pre>"))
@@ -51,12 +52,12 @@ def _seconds(inventory: Inventory) -> str:
     return f"{sum(found):,.1f} s" + (f", {plural(missing, 'shard')} not recorded" if missing else "")
 
 
-def _weathers(air: dict[str, dict[str, Any]]) -> str:
-    if not air:
+def _weathers(config: Config | None) -> str:
+    if config is None:  # a note says why
         return ""
     rows = []
-    for name, values in air.items():
-        cells = [values.get(key) for key in AIR]
+    for name, values in config.air.items():
+        cells = [getattr(values, key) for key in AIR]
         rows.append((name, *("-" if cell is None else count(cell) if isinstance(cell, int) else f"{cell:,g}"
                              for cell in cells)))  # fmt: skip
     return table(("weather", *AIR.values()), rows, numbers=range(1, len(AIR) + 1))

@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from mmw.config import load_config
 from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh
 from mmw.dataset.camera_geometry import POSE_COLUMNS
+from mmw.generation.provenance import stored_config
 from mmw.scene.prepare import read_frame, stored_stage
 from mmw.scene.scene_data import SceneData
-from mmw.storage.manifest import CONFIG
 from mmw.viz.rerun.entities import TOWN
 from mmw.viz.rerun.selection import Scope
 from mmw.worlds.materials.textures import srgb
@@ -73,7 +72,7 @@ def read_town(scope: Scope) -> list[TownMesh]:
     if data.filesystem is not None:
         raise InputError(f"{data.root}: the stage of a dataset elsewhere is not read; copy `stages` and `assets` too")
     root = Path(data.root)
-    config = load_config(root / CONFIG)
+    config = stored_config(root)
     scenario = config.scenario(scope.scenario)
     arrays = read_frame(config, scenario, stored_stage(root, scenario), scope.frames[0], scope.weather)
     rows = data.numpy(

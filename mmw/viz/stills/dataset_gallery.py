@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from mmw.config import load_config
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.frame import Frame
+from mmw.generation.provenance import stored_config
 from mmw.scene.prepare import read_frame, stored_stage
-from mmw.storage.manifest import CONFIG, read_dataset
+from mmw.storage.manifest import read_dataset
 from mmw.viz.plots import plot_link, plot_path_history, plot_sensor
 from mmw.viz.plots.frame import sensors_of
 from mmw.viz.plots.samples import has_sample, plot_view
@@ -62,7 +62,7 @@ def make_gallery(
         InputError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
     """
     read_dataset(root)
-    config = load_config(root / CONFIG)
+    config = stored_config(root)
     found = config.scenario(scenario)
     scenario, weather, carriers = found.name, config.weathers[0], config.channel.carriers_hz
     frame = config.frames_of(found).start if frame < 0 else frame
