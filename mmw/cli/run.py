@@ -28,8 +28,9 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         "overrides",
         nargs="*",
         metavar="key=value",
-        help="replace values; items of lists by name or number, * for all, values as YAML: frames.count=10 "
-        "sensors.lidar.range_m=80 'weathers=[sunny, rainy]' 'scenarios.*.traffic.warmup_s=5'",
+        help="replace values (without --config, the configuration comes first); items of lists by name or number, "
+        "* for all, values as YAML: frames.count=10 sensors.lidar.range_m=80 'weathers=[sunny, rainy]' "
+        "'scenarios.*.traffic.warmup_s=5'",
     )
     result.add_argument("--out", metavar="DIR", help="dataset folder, or s3://bucket/folder (output.dir)")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N (compute.device)")
@@ -75,8 +76,12 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.print_schema:
         print(json.dumps(json_schema(), indent=2))
         return
+    if not arguments.config and arguments.overrides and "=" not in arguments.overrides[0]:
+        arguments.config = arguments.overrides.pop(0)
     if not arguments.config:
-        raise InputError("--config FILE is missing; a first one to try is --config quickstart")
+        raise InputError(
+            "--config FILE is missing; a first one to try is --config quickstart; `mmw configs` lists more"
+        )
     workers = arguments.workers
     options = {
         "output.dir": arguments.out,

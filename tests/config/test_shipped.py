@@ -72,7 +72,9 @@ def test_every_command_takes_names(capsys: pytest.CaptureFixture) -> None:
 
 def test_what_a_user_is_told_first_works_in_any_folder(capsys: pytest.CaptureFixture) -> None:
     assert main(["run"]) == 2
-    assert capsys.readouterr().err == "mmw: --config FILE is missing; a first one to try is --config quickstart\n"
+    assert capsys.readouterr().err == (
+        "mmw: --config FILE is missing; a first one to try is --config quickstart; `mmw configs` lists more\n"
+    )
     with pytest.raises(SystemExit):
         main(["run", "--help"])
     told = " ".join(capsys.readouterr().out.split())
