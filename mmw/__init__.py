@@ -1,9 +1,25 @@
-"""mmw: multimodal wireless datasets from one configuration file."""
+"""Generate and read multimodal wireless datasets.
+
+`__all__` lists the public names, which are loaded at their first use. Classes and functions for sensors are in
+`mmw.sensors`. `mmw.open` is the short name of `open_dataset`.
+"""
 
 import logging as _logging
 from importlib import import_module as _import_module
 from pathlib import Path as _Path
+from typing import TYPE_CHECKING
 from typing import Any as _Any
+
+if TYPE_CHECKING:
+    from mmw.config import Config, load_config
+    from mmw.core.errors import Error, InputError
+    from mmw.dataset import Dataset, Frame, connect, open_dataset
+    from mmw.dataset import open_dataset as open  # noqa: F401 - the short name
+    from mmw.sensors import register_sensor
+
+__all__ = [
+    "Config", "Dataset", "Error", "Frame", "InputError", "connect", "load_config", "open_dataset", "register_sensor",
+]  # fmt: skip
 
 __version__ = "0.2.0"
 
@@ -15,12 +31,25 @@ if (_root / "pyproject.toml").is_file():
     __path__.append(str(_root))
 
 
-_HOME = {"open": ("mmw.dataset", "open_dataset"), "connect": ("mmw.dataset", "connect")}
-"""Name -> module that defines it, and its name there; loaded when first used, so that `import mmw` stays light."""
+_HOME = {
+    **dict.fromkeys(("Config", "load_config"), "mmw.config"),
+    **dict.fromkeys(("Error", "InputError"), "mmw.core.errors"),
+    **dict.fromkeys(("Dataset", "Frame", "connect", "open_dataset"), "mmw.dataset"),
+    "register_sensor": "mmw.sensors",
+}
+"""Name -> module that defines it, so that `import mmw` stays light."""
+
+_SHORT = {"open": "open_dataset"}
+"""Short name -> name; not in `__all__`, so that `from mmw import *` replaces no built-in function."""
 
 
 def __getattr__(name: str) -> _Any:
+    name = _SHORT.get(name, name)
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, attribute = _HOME[name]
-    return getattr(_import_module(module), attribute)
+    return getattr(_import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    loaded = {name for name in globals() if name[0] != "_"} - {"TYPE_CHECKING"}
+    return sorted({*__all__, *_SHORT, "__version__", *loaded})

@@ -1,0 +1,38 @@
+"""The names of `mmw` itself: what `dir` and `__all__` list is there, and nothing is loaded before it is used."""
+
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+import mmw
+
+
+def test_dir_lists_what_is_public() -> None:
+    assert {*mmw.__all__, "open", "__version__"} <= set(dir(mmw))
+    assert not {"Any", "Path", "TYPE_CHECKING"} & set(dir(mmw))
+    assert mmw.__all__ == sorted(mmw.__all__, key=lambda name: (name[0].islower(), name))
+
+
+@pytest.mark.parametrize("name", mmw.__all__)
+def test_every_name_is_that_of_its_module(name: str) -> None:
+    assert getattr(mmw, name) is getattr(import_module(mmw._HOME[name]), name)
+    assert getattr(mmw, name).__doc__
+
+
+def test_open_is_a_short_name_that_a_star_import_leaves_alone() -> None:
+    assert mmw.open is mmw.open_dataset
+    assert "open" not in mmw.__all__
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="module 'mmw' has no attribute 'load_dataset'"):
+        _ = mmw.load_dataset  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_an_import_loads_no_library() -> None:
+    libraries = ["numpy", "pyarrow", "pydantic", "warp"]
+    code = f"import sys, mmw; dir(mmw); print([name for name in {libraries} if name in sys.modules])"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == "[]"
