@@ -57,7 +57,7 @@ def copy_config(name: str, target: Path, *, overwrite: bool = False) -> list[Pat
         Files that were written.
 
     Raises:
-        InputError: If no configuration has the name, or a file exists or cannot be written; then none is written.
+        InputError: If no configuration has the name, a file exists (none is written then), or one cannot be written.
     """
     shipped = shipped_configs()
     if name not in shipped:

@@ -16,7 +16,7 @@ MAX_LINES = 40
 """Findings that are printed."""
 
 WORKERS = min(os.cpu_count() or 1, 8)
-"""Processes that read files; each holds up to about 300 MB."""
+"""Processes that read files, at most; each holds the rows of some shards."""
 
 
 def main(argv: Sequence[str], prog: str = "mmw verify") -> int:

@@ -10,7 +10,6 @@ from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.frame import Frame
 from mmw.generation.provenance import stored_config
 from mmw.scene.prepare import read_frame, stored_stage
-from mmw.storage.manifest import read_dataset
 from mmw.viz.plots import plot_link, plot_path_history, plot_sensor
 from mmw.viz.plots.frame import sensors_of
 from mmw.viz.plots.samples import has_sample, plot_view
@@ -61,7 +60,6 @@ def make_gallery(
     Raises:
         InputError: If the folder is no dataset, or it does not hold the scenario, agent or frame.
     """
-    read_dataset(root)
     config = stored_config(root)
     found = config.scenario(scenario)
     scenario, weather, carriers = found.name, config.weathers[0], config.channel.carriers_hz
