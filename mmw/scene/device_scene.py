@@ -80,9 +80,7 @@ class DeviceScene:
         self.origin = scene_origin(arrays.points)
         self._instance_constructor = instance_constructor
         self.instance_actor = instance_actors(arrays)
-        # Of the whole recording, once, so that derivatives do not depend on the batch.
-        motion = differentiate(arrays.poses[:, self.instance_actor])
-        self._velocity, self._rate = motion.velocity, motion.world_rate
+        self._differentiate()
         self.struct = structs.Scene()
         self._load_meshes()
         self._load_models()
@@ -91,6 +89,32 @@ class DeviceScene:
     def batch_size(self) -> int:
         """Number of loaded frames."""
         return len(self.batch_frames)
+
+    def _differentiate(self) -> None:
+        # Of the whole recording, once, so that derivatives do not depend on the batch.
+        motion = differentiate(self.arrays.poses[:, self.instance_actor])
+        self._velocity, self._rate = motion.velocity, motion.world_rate
+
+    def replace_arrays(self, arrays: SceneData) -> None:
+        """Take other frames, poses, materials or actors without geometry; `load_batch` must follow.
+
+        The meshes on the device stay, so that this costs no build of a tree.
+
+        Args:
+            arrays: The scene with the same meshes: `points`, `faces`, `models` and the actors that have geometry are
+                those that the device holds.
+
+        Raises:
+            ValueError: If a mesh is another one.
+        """
+        meshes = ("points", "faces", "material", "object_id", "surface", "models")
+        own, other = instance_actors(self.arrays), instance_actors(arrays)
+        if any(getattr(arrays, name) is not getattr(self.arrays, name) for name in meshes) or (
+            [self.arrays.actors[i] for i in own] != [arrays.actors[i] for i in other]
+        ):
+            raise ValueError("replace_arrays: another mesh or another actor with geometry; make a new DeviceScene")
+        self.arrays, self.instance_actor, self.batch_frames = arrays, other, ()
+        self._differentiate()
 
     def check_loaded(self, kind: str, batch_index: np.ndarray, frame: np.ndarray) -> None:
         """Check that frames are loaded at their batch indices, shape [n] each; `kind` names a row in the message.
