@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmw.channel import Paths, frequency_response, subcarrier_frequencies, tracks_from_table
+from mmw.channel import CarrierPaths, frequency_response, subcarrier_frequencies, tracks_from_table
 from mmw.channel.path_tracks import TRACK_COLUMNS, PathTracks
 from mmw.core.constants import FRAME_DT
 from mmw.dataset import open_dataset
@@ -45,7 +45,7 @@ def read_tracks(root: Path, carrier_hz: float) -> PathTracks:
     return tracks_from_table(paths, carrier_hz, links)
 
 
-def response(rows: Paths, ahead_s: float = 0.0) -> np.ndarray:
+def response(rows: CarrierPaths, ahead_s: float = 0.0) -> np.ndarray:
     """Return H(f_k) of every link, its paths turned on by their Doppler shifts for some time [s], shape [L, K]."""
     return frequency_response(rows.a[:, None, None], rows, F_K, rows.carrier_hz, ahead_s)[:, 0, 0]
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from examples.beam_prediction.config import RadioConfig
 from mmw.channel import (
-    Paths,
+    CarrierPaths,
     apply_arrays,
     beam_gains,
     best_beams,
@@ -63,7 +63,9 @@ def label_channels(h: np.ndarray, search: BeamSearch) -> BeamLabels:
     return BeamLabels(best.rx_beam, best.tx_beam, gain_db, normalized_gain(gains, every, best).astype(np.float32))
 
 
-def average_channels(paths: Paths, tx_rotation: np.ndarray, rx_rotation: np.ndarray, s: BeamSearch) -> np.ndarray:
+def average_channels(
+    paths: CarrierPaths, tx_rotation: np.ndarray, rx_rotation: np.ndarray, s: BeamSearch
+) -> np.ndarray:
     """Return H averaged over subcarriers, the first path of a link at delay 0, shape [L, N_r, N_t].
 
     Args:

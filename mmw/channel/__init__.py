@@ -12,15 +12,35 @@ if TYPE_CHECKING:
     from mmw.channel.antennas.patterns import PatternTable
     from mmw.channel.antennas.per_element_links import per_element_links
     from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain
-    from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, Paths, rows_from_paths
+    from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, rows_from_paths
     from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_table
     from mmw.channel.response import complex_gain, frequency_response, impulse_response, subcarrier_frequencies, taps
 
 __all__ = [
-    "LINK_COLUMNS", "PATH_COLUMNS", "PathTracks", "Paths", "PatternTable", "PlanarArray", "apply_arrays", "beam_gains",
-    "best_beams", "complex_gain", "dft_codebook", "frequency_response", "impulse_response", "normalized_gain",
-    "per_element_links", "plane_wave_error", "rotations_from_poses", "rows_from_paths", "subcarrier_frequencies",
-    "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
+    "LINK_COLUMNS",
+    "PATH_COLUMNS",
+    "CarrierPaths",
+    "PathTracks",
+    "PatternTable",
+    "PlanarArray",
+    "apply_arrays",
+    "beam_gains",
+    "best_beams",
+    "complex_gain",
+    "dft_codebook",
+    "frequency_response",
+    "impulse_response",
+    "normalized_gain",
+    "per_element_links",
+    "plane_wave_error",
+    "rotations_from_poses",
+    "rows_from_paths",
+    "subcarrier_frequencies",
+    "taps",
+    "tracks_from_paths",
+    "tracks_from_table",
+    "ula",
+    "upa",
 ]  # fmt: skip
 
 _MODULES = (

@@ -19,9 +19,9 @@ PATH_COLUMNS = (
     *LINK_COLUMNS, "order", "tau_s", "a_re", "a_im", "t_tt_re", "t_tt_im", "t_tp_re", "t_tp_im", "t_pt_re", "t_pt_im",
     "t_pp_re", "t_pp_im", "aod_az", "aod_ze", "aoa_az", "aoa_ze", "doppler_hz",
 )  # fmt: skip
-"""Columns of table `paths` that `Paths.from_table` needs."""
+"""Columns of table `paths` that `CarrierPaths.from_table` needs."""
 KEY_TYPE = np.dtype([(name, np.int64 if name == "frame" else object) for name in LINK_COLUMNS[:-1]])
-"""Type of `Paths.keys`."""
+"""Type of `CarrierPaths.keys`."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,7 +59,7 @@ SAMPLE_COLUMNS = tuple(field.name for field in fields(PathSamples)[1:])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Paths(PathSamples):
+class CarrierPaths(PathSamples):
     """Paths of L links at one carrier, sorted by link.
 
     A link without any path is a row of `keys` that no entry of `link` names.
@@ -78,11 +78,13 @@ class Paths(PathSamples):
         lengths = {name: len(getattr(self, name)) for name in ("link", *SAMPLE_COLUMNS)}
         if len(set(lengths.values())) != 1 or self.transfer.shape[1:] != (2, 2):
             raise InputError(
-                f"Paths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
+                f"CarrierPaths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
             )
         is_link = (self.link >= 0) & (self.link < len(self.keys))
         if not is_link.all() or (np.diff(self.link) < 0).any():
-            raise InputError(f"Paths: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link")
+            raise InputError(
+                f"CarrierPaths: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link"
+            )
 
     def __len__(self) -> int:
         """Return the number of paths."""
@@ -98,7 +100,7 @@ class Paths(PathSamples):
         """Number of paths of each link, shape [L], int64."""
         return np.bincount(self.link, minlength=self.link_count)
 
-    def take(self, links: ArrayLike) -> "Paths":
+    def take(self, links: ArrayLike) -> "CarrierPaths":
         """Return some links and their paths; link n of the result is `links[n]`.
 
         Args:
@@ -109,7 +111,7 @@ class Paths(PathSamples):
         where = np.full(self.link_count, -1, dtype=np.int64)
         where[links] = np.arange(len(links))
         if len(np.unique(links)) != len(links):
-            raise InputError(f"Paths.take: {len(links)} links, some more than once; name each link once")
+            raise InputError(f"CarrierPaths.take: {len(links)} links, some more than once; name each link once")
         link = where[self.link]
         path = np.flatnonzero(link >= 0)
         path = path[np.argsort(link[path], kind="stable")]
@@ -117,7 +119,7 @@ class Paths(PathSamples):
         return replace(self, keys=self.keys[links], link=link[path], **columns)
 
     @classmethod
-    def from_table(cls, table: Any, carrier_hz: float | None = None, links: Any = None) -> "Paths":
+    def from_table(cls, table: Any, carrier_hz: float | None = None, links: Any = None) -> "CarrierPaths":
         """Return the paths of rows of table `paths`, grouped by link.
 
         Args:
@@ -194,7 +196,7 @@ def rows_from_paths(
     carrier_hz: float,
     actors: Sequence[str] | None = None,
     scenario: str = "",
-) -> Paths:
+) -> CarrierPaths:
     """Return paths in memory, of one weather and carrier, as the same arrays that rows of a dataset give.
 
     Args:
@@ -218,7 +220,7 @@ def rows_from_paths(
     keys["scenario"], keys["weather"], keys["frame"] = scenario, weather, links.frame
     for name, actor in (("agent", links.rx_actor), ("peer", links.tx_actor)):
         keys[name] = [str(index) if actors is None else actors[index] for index in actor]
-    return Paths(
+    return CarrierPaths(
         carrier_hz=float(carrier_hz),
         keys=keys,
         link=paths.link.astype(np.int64),
@@ -283,7 +285,9 @@ def _one_carrier(present: np.ndarray, wanted: float | None) -> float:
     listed = ", ".join(f"{carrier:g}" for carrier in known)
     if wanted is None:
         if len(known) != 1:
-            raise InputError(f"table paths: carriers {listed or 'none'} Hz; Paths holds one; name it by carrier_hz")
+            raise InputError(
+                f"table paths: carriers {listed or 'none'} Hz; CarrierPaths holds one; name it by carrier_hz"
+            )
         return float(known[0])
     if len(known) and wanted not in known:
         raise InputError(f"carrier_hz = {wanted:g}: the tables hold {listed} Hz; name one of those")

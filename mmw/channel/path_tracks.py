@@ -19,7 +19,7 @@ from mmw.channel.path_table import (
     KEY_TYPE,
     PATH_COLUMNS,
     SAMPLE_COLUMNS,
-    Paths,
+    CarrierPaths,
     PathSamples,
     encode_key,
     read_column,
@@ -135,8 +135,8 @@ class PathTracks(PathSamples):
     def _counted(self, frame: np.ndarray) -> np.ndarray:
         return np.bincount(np.searchsorted(self.frames, frame), minlength=len(self.frames))
 
-    def at(self, time_s: ArrayLike, edges: Edges = "hold") -> Paths:
-        """Return the paths at any time in the recording, as rows of a frame are returned by `Paths.from_table`.
+    def at(self, time_s: ArrayLike, edges: Edges = "hold") -> CarrierPaths:
+        """Return the paths at any time in the recording, as rows of a frame are returned by `CarrierPaths.from_table`.
 
         On a frame these are the stored values, to the bit. Between frames a track that is there on both sides has its
         delay and Doppler shift by the cubic, its angles along the arc, and `transfer` and `a` linearly (a transfer in
@@ -185,7 +185,7 @@ class PathTracks(PathSamples):
         link = moment * self.link_count + self.link[self.track[sample]]
         keys = self._keys(frame + (share >= 0.5))
         values = self._values(sample, beyond, both, edges)
-        return Paths(carrier_hz=self.carrier_hz, keys=keys, link=link, **values)
+        return CarrierPaths(carrier_hz=self.carrier_hz, keys=keys, link=link, **values)
 
     def _locate(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the frame at or before each time, and the share of a frame since then."""
@@ -223,7 +223,7 @@ class PathTracks(PathSamples):
         return keys.reshape(-1)
 
     def _values(self, sample: np.ndarray, beyond: np.ndarray, both: np.ndarray, edges: Edges) -> dict[str, np.ndarray]:
-        """Return the columns of `Paths` at `beyond` frames after samples; `both` where the next one counts too."""
+        """Return the columns at `beyond` frames after samples; `both` where the next one counts too."""
         values = {name: getattr(self, name)[sample] for name in SAMPLE_COLUMNS}
         values["tau"] = values["tau"] - beyond * FRAME_DT * values["doppler_hz"] / self.carrier_hz
         if edges == "fade":
@@ -259,10 +259,10 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
             that have paths.
 
     Raises:
-        InputError: As `Paths.from_table`; or if there is more than one scenario or weather, or a path is twice in a
+        InputError: As `CarrierPaths.from_table`; or if there are several scenarios or weathers, or a path is twice in a
             frame of a link.
     """
-    paths = Paths.from_table(table, carrier_hz, links)
+    paths = CarrierPaths.from_table(table, carrier_hz, links)
     path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)
     if path_id.dtype.kind not in "iu" and len(path_id):
         raise InputError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
@@ -278,7 +278,7 @@ def tracks_from_paths(links: Links, paths: PathSet, *args: Any, **names: Any) ->
     return tracks_from_rows(rows_from_paths(links, paths, *args, **names), paths.path_id)
 
 
-def tracks_from_rows(paths: Paths, path_id: np.ndarray) -> PathTracks:
+def tracks_from_rows(paths: CarrierPaths, path_id: np.ndarray) -> PathTracks:
     """Return the tracks of paths of one scenario and weather.
 
     Args:

@@ -21,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.path_table import Paths
+from mmw.channel.path_table import CarrierPaths
 from mmw.core.errors import InputError
 
 
@@ -47,7 +47,7 @@ def subcarrier_frequencies(count: int, spacing_hz: float, grid: Literal["centere
     raise InputError(f"subcarrier_frequencies: grid = {grid!r}; it is centered or fft")
 
 
-def delays(paths: Paths, normalize_delays: bool = False) -> np.ndarray:
+def delays(paths: CarrierPaths, normalize_delays: bool = False) -> np.ndarray:
     """Return the delay of each path, absolute or after the first path of its link [s], shape [P]."""
     if not normalize_delays:
         return paths.tau
@@ -57,7 +57,7 @@ def delays(paths: Paths, normalize_delays: bool = False) -> np.ndarray:
 
 
 def complex_gain(
-    a: np.ndarray, paths: Paths, carrier_hz: float, time_s: float = 0.0, *, normalize_delays: bool = False
+    a: np.ndarray, paths: CarrierPaths, carrier_hz: float, time_s: float = 0.0, *, normalize_delays: bool = False
 ) -> np.ndarray:
     """Return the complex gains at the carrier, a exp(-j 2 pi f_c tau) exp(j 2 pi f_D t), shape of `a`.
 
@@ -76,7 +76,7 @@ def complex_gain(
 
 def frequency_response(
     a: np.ndarray,
-    paths: Paths,
+    paths: CarrierPaths,
     frequencies_hz: ArrayLike,
     carrier_hz: float,
     time_s: ArrayLike = 0.0,
@@ -130,7 +130,7 @@ def frequency_response(
 
 def taps(
     a: np.ndarray,
-    paths: Paths,
+    paths: CarrierPaths,
     bandwidth_hz: float,
     l_min: int,
     l_max: int,
@@ -168,7 +168,7 @@ def taps(
 
 def impulse_response(
     a: np.ndarray,
-    paths: Paths,
+    paths: CarrierPaths,
     carrier_hz: float,
     time_s: ArrayLike = 0.0,
     *,
@@ -206,11 +206,16 @@ def impulse_response(
 
 
 def _rotation(
-    a: np.ndarray, paths: Paths, carrier_hz: float, time_s: np.ndarray, carrier_phase: bool, normalize_delays: bool
+    a: np.ndarray,
+    paths: CarrierPaths,
+    carrier_hz: float,
+    time_s: np.ndarray,
+    carrier_phase: bool,
+    normalize_delays: bool,
 ) -> np.ndarray:
     """Return exp(-j 2 pi f_c tau) exp(j 2 pi f_D t) of every path, shape [P] or [P, T]."""
     if len(a) != len(paths):
-        raise InputError(f"a has {len(a)} paths, Paths {len(paths)}; give the coefficients of these paths")
+        raise InputError(f"a has {len(a)} paths, CarrierPaths {len(paths)}; give the coefficients of these paths")
     if carrier_hz != paths.carrier_hz:
         raise InputError(f"carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; give their carrier")
     if time_s.ndim > 1:
@@ -222,7 +227,7 @@ def _rotation(
     return np.exp(2j * np.pi * cycles)
 
 
-def _sum(a: np.ndarray, paths: Paths, turn: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _sum(a: np.ndarray, paths: CarrierPaths, turn: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return the sums over each link's paths of a [P, N_r, N_t] turn [P, ...] weights [P, K], [L, N_r, N_t, ..., K]."""
     if a.ndim != 3:
         raise InputError(f"a has shape {a.shape}; it is [P, N_r, N_t]")
@@ -235,7 +240,7 @@ def _sum(a: np.ndarray, paths: Paths, turn: np.ndarray, weights: np.ndarray) -> 
     return out.reshape(paths.link_count, *a.shape[1:], *weights.shape[1:])
 
 
-def _equal_links(paths: Paths) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _equal_links(paths: CarrierPaths) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yield links with equally many paths, shape [n], and their paths, shape [n, count]."""
     count = paths.path_count
     start = np.cumsum(count) - count

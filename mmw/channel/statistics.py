@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.path_table import Paths
+from mmw.channel.path_table import CarrierPaths
 from mmw.core.errors import InputError
 
 
@@ -19,7 +19,7 @@ def antenna_power(a: np.ndarray) -> np.ndarray:
     return np.mean(np.abs(a) ** 2, axis=(1, 2))
 
 
-def _power(paths: Paths, power: np.ndarray | None) -> np.ndarray:
+def _power(paths: CarrierPaths, power: np.ndarray | None) -> np.ndarray:
     if power is None:
         return np.abs(paths.a) ** 2
     if np.shape(power) != (len(paths),):
@@ -27,19 +27,19 @@ def _power(paths: Paths, power: np.ndarray | None) -> np.ndarray:
     return np.asarray(power, dtype=np.float64)
 
 
-def _total(paths: Paths, values: np.ndarray) -> np.ndarray:
+def _total(paths: CarrierPaths, values: np.ndarray) -> np.ndarray:
     """Return the sum over the paths of each link, shape [L]."""
     return np.bincount(paths.link, weights=values, minlength=paths.link_count)
 
 
-def _weights(paths: Paths, power: np.ndarray | None) -> np.ndarray:
+def _weights(paths: CarrierPaths, power: np.ndarray | None) -> np.ndarray:
     """Return the share of each path in the power of its link, shape [P]; NaN where that is 0."""
     power = _power(paths, power)
     total = _total(paths, power)
     return power / np.where(total > 0, total, np.nan)[paths.link]
 
 
-def _moments(paths: Paths, values: np.ndarray, power: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+def _moments(paths: CarrierPaths, values: np.ndarray, power: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
     """Return mean and standard deviation of a value of the paths, weighted by power, shape [L] each."""
     weight = _weights(paths, power)
     is_empty = paths.path_count == 0
@@ -48,7 +48,7 @@ def _moments(paths: Paths, values: np.ndarray, power: np.ndarray | None) -> tupl
     return mean, np.where(is_empty, np.nan, spread)
 
 
-def path_loss_db(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
+def path_loss_db(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
     """Return -10 log10 of the sum of the powers of the paths [dB], patterns included, shape [L].
 
     It is minus `gain_db` of table `links`. Source: ITU-R P.1407, section 2.2.1 (total power).
@@ -57,7 +57,7 @@ def path_loss_db(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
     return -10 * np.log10(np.where(total > 0, total, np.nan))
 
 
-def k_factor(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
+def k_factor(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
     """Return the Rician K-factor: power of the line of sight over that of all other paths, linear, shape [L].
 
     Infinite if there is the line of sight alone, 0 without it. Source: 3GPP TR 38.901, equation 7.5-30.
@@ -69,12 +69,12 @@ def k_factor(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
     return np.where(rest > 0, los / np.where(rest > 0, rest, 1.0), alone)
 
 
-def mean_delay(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
+def mean_delay(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
     """Return the mean absolute delay weighted by power [s], shape [L]. Source: ITU-R P.1407, section 2.2.2."""
     return _moments(paths, paths.tau, power)[0]
 
 
-def rms_delay_spread(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
+def rms_delay_spread(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
     """Return the standard deviation of the delay weighted by power [s], shape [L].
 
     Source: ITU-R P.1407, section 2.2.3.
@@ -82,12 +82,12 @@ def rms_delay_spread(paths: Paths, power: np.ndarray | None = None) -> np.ndarra
     return _moments(paths, paths.tau, power)[1]
 
 
-def mean_doppler(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
+def mean_doppler(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
     """Return the mean Doppler shift weighted by power [Hz], shape [L]. Source: as `doppler_spread`."""
     return _moments(paths, paths.doppler_hz, power)[0]
 
 
-def doppler_spread(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
+def doppler_spread(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
     """Return the standard deviation of the Doppler shift weighted by power [Hz], shape [L].
 
     Source: A. F. Molisch, Wireless Communications, 2nd edition, chapter 6 (moments of the Doppler spectrum).
@@ -95,7 +95,7 @@ def doppler_spread(paths: Paths, power: np.ndarray | None = None) -> np.ndarray:
     return _moments(paths, paths.doppler_hz, power)[1]
 
 
-def azimuth_spread(paths: Paths, end: Literal["tx", "rx"], power: np.ndarray | None = None) -> np.ndarray:
+def azimuth_spread(paths: CarrierPaths, end: Literal["tx", "rx"], power: np.ndarray | None = None) -> np.ndarray:
     """Return the circular spread of the azimuths of departure (`tx`) or arrival (`rx`) [rad], shape [L].
 
     AS = sqrt(-2 ln (|sum P e^{j phi}| / sum P)): 0 for one direction, without bound where directions cancel. It does
@@ -104,7 +104,7 @@ def azimuth_spread(paths: Paths, end: Literal["tx", "rx"], power: np.ndarray | N
     return _circular_spread(paths, _angle(end, paths.phi_t, paths.phi_r), power)
 
 
-def zenith_spread(paths: Paths, end: Literal["tx", "rx"], power: np.ndarray | None = None) -> np.ndarray:
+def zenith_spread(paths: CarrierPaths, end: Literal["tx", "rx"], power: np.ndarray | None = None) -> np.ndarray:
     """Return the circular spread of the zenith angles of departure (`tx`) or arrival (`rx`) [rad], shape [L].
 
     Source: 3GPP TR 38.901, Annex A.1, equation A-1, which holds for zenith angles too.
@@ -118,7 +118,7 @@ def _angle(end: str, departure: np.ndarray, arrival: np.ndarray) -> np.ndarray:
     return departure if end == "tx" else arrival
 
 
-def _circular_spread(paths: Paths, angle: np.ndarray, power: np.ndarray | None) -> np.ndarray:
+def _circular_spread(paths: CarrierPaths, angle: np.ndarray, power: np.ndarray | None) -> np.ndarray:
     weight = _weights(paths, power)
     mean = np.arctan2(_total(paths, weight * np.sin(angle)), _total(paths, weight * np.cos(angle)))
     # About the mean direction the sum is real: 1 - |sum| loses no digits however small the spread is.
@@ -129,7 +129,7 @@ def _circular_spread(paths: Paths, angle: np.ndarray, power: np.ndarray | None) 
     return np.where(is_empty, np.nan, spread)
 
 
-def frequency_correlation(paths: Paths, spacings_hz: ArrayLike, power: np.ndarray | None = None) -> np.ndarray:
+def frequency_correlation(paths: CarrierPaths, spacings_hz: ArrayLike, power: np.ndarray | None = None) -> np.ndarray:
     """Return |sum P e^{-j 2 pi df tau}| / sum P of frequencies that lie df apart, shape [L, K].
 
     Source: the Fourier transform of the power delay profile (uncorrelated scattering); ITU-R P.1407, section 4.2.1.
@@ -142,7 +142,7 @@ def frequency_correlation(paths: Paths, spacings_hz: ArrayLike, power: np.ndarra
     return np.where((paths.path_count == 0)[:, None], np.nan, np.stack(columns, axis=1))
 
 
-def coherence_bandwidth(paths: Paths, level: float = 0.5, power: np.ndarray | None = None) -> np.ndarray:
+def coherence_bandwidth(paths: CarrierPaths, level: float = 0.5, power: np.ndarray | None = None) -> np.ndarray:
     """Return the coherence bandwidth from the rms delay spread [Hz], shape [L]; infinite for a single path.
 
     1 / (5 sigma) for a correlation of 0.5, 1 / (50 sigma) for 0.9: rules of thumb, right to a factor of a few.

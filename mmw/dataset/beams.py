@@ -9,7 +9,7 @@ import pyarrow as pa
 from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray, ula
 from mmw.channel.codebook import BeamPairs, beam_gains, best_beams, dft_codebook
-from mmw.channel.path_table import KEY_TYPE, Paths
+from mmw.channel.path_table import KEY_TYPE, CarrierPaths
 from mmw.channel.response import frequency_response, subcarrier_frequencies
 from mmw.core.transforms import normalize, quaternion_to_matrix
 
@@ -43,7 +43,7 @@ class BeamSearch:
         """Precoders and combiners as columns, shapes [N_t, Q_t] and [N_r, Q_r]."""
         return dft_codebook(self.tx_array, self.tx_beams), dft_codebook(self.rx_array, self.rx_beams)
 
-    def best(self, paths: Paths, tx_rotation: np.ndarray, rx_rotation: np.ndarray) -> BeamPairs:
+    def best(self, paths: CarrierPaths, tx_rotation: np.ndarray, rx_rotation: np.ndarray) -> BeamPairs:
         """Return the best pair of every link.
 
         Args:
@@ -113,7 +113,7 @@ def flat_lists(column: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
 
 def plain_paths(
     carrier_hz: float, links: int, link: np.ndarray, tau: np.ndarray, t: np.ndarray, angle: np.ndarray
-) -> Paths:
+) -> CarrierPaths:
     """Return paths without names of links, coefficients and Doppler shifts.
 
     Args:
@@ -125,7 +125,7 @@ def plain_paths(
         angle: Azimuth and zenith of departure and of arrival [rad], shape [P, 4].
     """
     count = len(tau)
-    return Paths(
+    return CarrierPaths(
         carrier_hz=carrier_hz,
         keys=np.empty(links, dtype=KEY_TYPE),
         link=link.astype(np.int64),

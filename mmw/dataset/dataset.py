@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import duckdb
     import pandas as pd
 
-    from mmw.channel.path_table import Paths
+    from mmw.channel.path_table import CarrierPaths
     from mmw.dataset.beams import BeamSearch
     from mmw.dataset.frame import Frame
 
@@ -252,18 +252,18 @@ class Dataset:
 
     def paths(
         self, carrier_hz: float, *, scenario: str | None = None, weather: str | None = None, frames: range | None = None
-    ) -> "Paths":
+    ) -> "CarrierPaths":
         """Return the radio paths of all links at one carrier, also of links without any, see `docs/guides/csi.md`.
 
         Raises:
             InputError: If there is no channel in the dataset, or no such carrier.
         """
-        from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, Paths
+        from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths
 
         def rows(table: str, columns: tuple[str, ...]) -> pa.Table:
             return self.read(table, columns=columns, scenario=scenario, weather=weather, frames=frames)
 
-        return Paths.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
+        return CarrierPaths.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
 
     def connect(self, search: "BeamSearch | None" = None) -> "duckdb.DuckDBPyConnection":
         """Return a DuckDB connection with one view a table and the views and functions of `docs/guides/query.md`.

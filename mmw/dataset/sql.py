@@ -219,7 +219,7 @@ def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
     Args:
         table: Table with frames.
         root: Dataset folder.
-        files: Paths of its files.
+        files: CarrierPaths of its files.
     """
     begins: dict[str, set[int]] = defaultdict(set)
     for file in files:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mmw.channel.path_interpolation import cubic_between
-from mmw.channel.path_table import Paths
+from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_tracks import tracks_from_rows
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.physics.em.vectors import spherical_basis
@@ -20,7 +20,7 @@ def test_cubic_is_exact_for_cubics() -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-13)
 
 
-def mirrored(frames: np.ndarray, offset_m: float) -> Paths:
+def mirrored(frames: np.ndarray, offset_m: float) -> CarrierPaths:
     """Return the reflection at a tilted perfect mirror under a mast, in closed form: E goes to 2 (n . E) n - E."""
     normal = np.array([np.sin(0.1), 0.0, np.cos(0.1)])
     mirror = 2 * np.outer(normal, normal) - np.eye(3)
@@ -39,7 +39,7 @@ def mirrored(frames: np.ndarray, offset_m: float) -> Paths:
     return replace(rows, transfer=scale[:, None, None] * transfer + 0j, doppler_hz=doppler)
 
 
-def world(rows: Paths) -> np.ndarray:
+def world(rows: CarrierPaths) -> np.ndarray:
     """Return transfers between fields in world axes, which have no zenith, shape [P, 3, 3]."""
     ends = ((rows.theta_r, rows.phi_r), (rows.theta_t, rows.phi_t))
     bases = [np.stack(spherical_basis(*angles), axis=-1) for angles in ends]

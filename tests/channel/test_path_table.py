@@ -6,7 +6,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from mmw.channel import Paths, PlanarArray, apply_arrays, rotations_from_poses, ula
+from mmw.channel import CarrierPaths, PlanarArray, apply_arrays, rotations_from_poses, ula
 from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.storage.schemas import table_spec
@@ -27,7 +27,7 @@ def test_rows_are_grouped_by_link(kind: str) -> None:
         "pandas": table.to_pandas(),
         "mapping": {k: table[k].to_pylist() for k in table.column_names},
     }
-    paths = Paths.from_table(given[kind], 28e9)
+    paths = CarrierPaths.from_table(given[kind], 28e9)
     assert len(paths) == sum(row["carrier_hz"] == 28e9 for row in rows) and paths.carrier_hz == 28e9
     links = {tuple(key) for key in paths.keys.tolist()}
     assert len(links) == paths.link_count == len(paths.path_count) and paths.path_count.min() > 0
@@ -48,21 +48,21 @@ def test_rows_are_grouped_by_link(kind: str) -> None:
 def test_links_without_paths_come_from_the_links_table() -> None:
     table = path_table()
     links = link_table(table)
-    alone, paths = Paths.from_table(table, 28e9), Paths.from_table(table, 28e9, links)
+    alone, paths = CarrierPaths.from_table(table, 28e9), CarrierPaths.from_table(table, 28e9, links)
     assert paths.link_count == alone.link_count + 1
     assert paths.keys[0].tolist() == ("town_a", "sunny", 9, "cav_1", "rsu_1") and paths.path_count[0] == 0
     kept = links.filter(pc.equal(links["carrier_hz"], 28e9))
     assert [tuple(row.values())[:-1] for row in kept.to_pylist()] == paths.keys.tolist()
     by_row = dict(zip(alone.row, alone.keys[alone.link], strict=True))
     assert all(by_row[row] == paths.keys[link] for row, link in zip(paths.row, paths.link, strict=True))
-    empty = Paths.from_table(table.slice(0, 0), 28e9, links)
+    empty = CarrierPaths.from_table(table.slice(0, 0), 28e9, links)
     assert len(empty) == 0 and empty.link_count == paths.link_count
     one = PlanarArray()
     assert apply_arrays(empty, ula(4), one, 28e9).shape == (0, 1, 4)
 
 
 def test_take_is_a_smaller_table() -> None:
-    paths = Paths.from_table(path_table(), 28e9)
+    paths = CarrierPaths.from_table(path_table(), 28e9)
     some = paths.take([4, 1])
     assert some.keys.tolist() == paths.keys[[4, 1]].tolist()
     np.testing.assert_array_equal(some.row, np.concatenate([paths.row[paths.link == n] for n in (4, 1)]))
@@ -75,33 +75,33 @@ def test_take_is_a_smaller_table() -> None:
 
 def test_row_errors() -> None:
     table = path_table()
-    with pytest.raises(ValueError, match=r"carriers 4\.9e\+09, 2\.8e\+10 Hz; Paths holds one"):
-        Paths.from_table(table)
+    with pytest.raises(ValueError, match=r"carriers 4\.9e\+09, 2\.8e\+10 Hz; CarrierPaths holds one"):
+        CarrierPaths.from_table(table)
     with pytest.raises(ValueError, match=r"carrier_hz = 6e\+10: the tables hold 4\.9e\+09, 2\.8e\+10 Hz"):
-        Paths.from_table(table, 60e9)
+        CarrierPaths.from_table(table, 60e9)
     with pytest.raises(ValueError, match=r"table paths: columns \['tau_s', 'doppler_hz'\] are missing"):
-        Paths.from_table(table.drop_columns(["tau_s", "doppler_hz"]), 28e9)
+        CarrierPaths.from_table(table.drop_columns(["tau_s", "doppler_hz"]), 28e9)
     with pytest.raises(ValueError, match=r"table links: columns \['peer'\] are missing"):
-        Paths.from_table(table, 28e9, link_table(table).drop_columns(["peer"]))
+        CarrierPaths.from_table(table, 28e9, link_table(table).drop_columns(["peer"]))
     links = link_table(table)
     with pytest.raises(ValueError, match=r"table links: 1 links of paths have no row in it, the first \{'scenario'"):
         row = next(i for i, c in enumerate(links["carrier_hz"].to_pylist()) if c == 28e9 and i > 0)
-        Paths.from_table(table, 28e9, pa.concat_tables([links.slice(0, row), links.slice(row + 1)]))
+        CarrierPaths.from_table(table, 28e9, pa.concat_tables([links.slice(0, row), links.slice(row + 1)]))
     with pytest.raises(ValueError, match="1 rows repeat a link"):
-        Paths.from_table(table, 28e9, pa.concat_tables([links, links.slice(0, 1)]))
+        CarrierPaths.from_table(table, 28e9, pa.concat_tables([links, links.slice(0, 1)]))
     frame = table.to_pandas()
     frame["tau_s"] = frame["tau_s"].where(np.arange(len(frame)) != 7)
     with pytest.raises(ValueError, match="column tau_s: row 7 is null"):
-        Paths.from_table(frame, 28e9)
+        CarrierPaths.from_table(frame, 28e9)
     with pytest.raises(ValueError, match="carriers none Hz"):
-        Paths.from_table(table.slice(0, 0))
-    paths = Paths.from_table(table, 28e9)
+        CarrierPaths.from_table(table.slice(0, 0))
+    paths = CarrierPaths.from_table(table, 28e9)
     with pytest.raises(ValueError, match="sort the paths by link"):
-        Paths(**{**vars(paths), "link": paths.link[::-1]})
+        CarrierPaths(**{**vars(paths), "link": paths.link[::-1]})
 
 
 def test_rotations_from_poses() -> None:
-    paths = Paths.from_table(path_table(), 28e9)
+    paths = CarrierPaths.from_table(path_table(), 28e9)
     poses = pose_table().to_pandas()
     names = list(poses[["scenario", "frame", "agent"]].itertuples(index=False, name=None))
     q = poses[["qx", "qy", "qz", "qw"]].to_numpy()

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from mmw.channel.links import Links
-from mmw.channel.path_table import KEY_TYPE, SAMPLE_COLUMNS, Paths
+from mmw.channel.path_table import KEY_TYPE, SAMPLE_COLUMNS, CarrierPaths
 from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_rows, tracks_from_table
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.channel.rows import link_rows, path_rows
@@ -145,7 +145,7 @@ def test_table_and_memory_give_the_same_tracks(device: str) -> None:
 def test_on_a_frame_are_the_stored_rows(device: str) -> None:
     arrays = street(np.arange(35, FRAMES) * FRAME_DT)
     table, _ = both_tables(arrays, *trace(arrays, device))
-    tracks, stored = tracks_from_table(table, CARRIER), Paths.from_table(table, CARRIER)
+    tracks, stored = tracks_from_table(table, CARRIER), CarrierPaths.from_table(table, CARRIER)
     assert tracks.births().sum() > 0 and tracks.deaths().sum() > 0
     for edges in ("hold", "fade", "drop"):
         rows = tracks.at(tracks.frames / 100, edges)
@@ -196,7 +196,7 @@ def test_halfway_against_an_exact_trace(device: str) -> None:
         assert np.abs(apart).max() < 1e-4
 
 
-def moving_sight(frames: np.ndarray, velocity: tuple = (20.0, 3.0, 0.0)) -> Paths:
+def moving_sight(frames: np.ndarray, velocity: tuple = (20.0, 3.0, 0.0)) -> CarrierPaths:
     """Return the line of sight from a mast to a receiver that drives past it, with its exact Doppler shift."""
     time = np.asarray(frames) * FRAME_DT
     tx = np.broadcast_to([0.0, 0.0, 8.0], (len(time), 3))
@@ -230,7 +230,7 @@ def test_birth_and_death() -> None:
     link = np.array([0, 1, 2, 3, 2, 3, 4, 5, 4])
     order = np.argsort(link, kind="stable")
     values = {name: value[order] for name, value in values.items()}
-    rows = Paths(carrier_hz=CARRIER, keys=keys, link=link[order], row=np.arange(9), **values)
+    rows = CarrierPaths(carrier_hz=CARRIER, keys=keys, link=link[order], row=np.arange(9), **values)
     name = np.array([1] * 4 + [2] * 4 + [3])
     tracks = tracks_from_rows(rows, name[order])
     assert (tracks.birth.tolist(), tracks.death.tolist()) == ([0, 2, 4], [3, 5, 4])

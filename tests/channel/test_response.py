@@ -5,7 +5,7 @@ import pytest
 
 from mmw.channel import (
     PATH_COLUMNS,
-    Paths,
+    CarrierPaths,
     complex_gain,
     frequency_response,
     impulse_response,
@@ -17,12 +17,12 @@ from tests.fixtures.path_tables import CARRIER, path_table, two_paths
 from tests.oracles.sionna import read_case
 
 
-def random_rows() -> tuple[Paths, np.ndarray]:
+def random_rows() -> tuple[CarrierPaths, np.ndarray]:
     """Return paths of links with different counts, one link without any, and coefficients [P, 2, 3]."""
-    paths = Paths.from_table(path_table(), 28e9)
+    paths = CarrierPaths.from_table(path_table(), 28e9)
     keys = np.concatenate([paths.keys, paths.keys[:1]])
     keys[-1]["agent"] = "cav_9"
-    paths = Paths(**{**vars(paths), "keys": keys, "doppler_hz": 300 * paths.doppler_hz})
+    paths = CarrierPaths(**{**vars(paths), "keys": keys, "doppler_hz": 300 * paths.doppler_hz})
     rng = np.random.default_rng(0)
     return paths, rng.normal(size=(len(paths), 2, 3)) + 1j * rng.normal(size=(len(paths), 2, 3))
 
@@ -144,7 +144,7 @@ def test_energy() -> None:
 
 def test_errors() -> None:
     paths, a = random_rows()
-    with pytest.raises(ValueError, match=rf"a has 3 paths, Paths {len(paths)}"):
+    with pytest.raises(ValueError, match=rf"a has 3 paths, CarrierPaths {len(paths)}"):
         frequency_response(a[:3], paths, 0.0, CARRIER)
     with pytest.raises(ValueError, match=r"a has shape \(\d+,\)"):
         frequency_response(a[:, 0, 0], paths, 0.0, CARRIER)
@@ -156,7 +156,7 @@ def test_errors() -> None:
         impulse_response(a, paths, CARRIER, [[0.0]])
 
 
-def reference_rows(case: dict, tau: str) -> Paths:
+def reference_rows(case: dict, tau: str) -> CarrierPaths:
     table = {name: np.zeros(len(case["rx"])) for name in PATH_COLUMNS}
     table |= {name: np.full(len(case["rx"]), "-") for name in ("scenario", "weather", "peer")}
     table |= {
@@ -165,7 +165,7 @@ def reference_rows(case: dict, tau: str) -> Paths:
         "tau_s": case[tau].astype(np.float64),
         "doppler_hz": case["doppler"].astype(np.float64),
     }
-    return Paths.from_table(table)
+    return CarrierPaths.from_table(table)
 
 
 def test_sionna_fun_cir_cfr_taps() -> None:

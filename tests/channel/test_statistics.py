@@ -4,20 +4,22 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from mmw.channel import Paths
+from mmw.channel import CarrierPaths
 from mmw.channel import statistics as st
 from tests.fixtures.path_tables import path_table, two_paths
 
 
-def rows_with_an_empty_link() -> Paths:
-    paths = Paths.from_table(path_table(), 28e9)
-    return Paths(**{**vars(paths), "keys": np.concatenate([paths.keys, paths.keys[:1]])})
+def rows_with_an_empty_link() -> CarrierPaths:
+    paths = CarrierPaths.from_table(path_table(), 28e9)
+    return CarrierPaths(**{**vars(paths), "keys": np.concatenate([paths.keys, paths.keys[:1]])})
 
 
 def test_two_paths_in_closed_form() -> None:
     """Powers 4 : 1, 50 ns and 300 Hz apart, 0.2 rad apart across the seam of the azimuth."""
     paths = two_paths([200e-9, 250e-9], [2e-5j, -1e-5], doppler_hz=[100.0, -200.0])
-    paths = Paths(**{**vars(paths), "phi_t": np.array([np.pi - 0.1, -np.pi + 0.1]), "theta_r": np.array([1.0, 1.5])})
+    paths = CarrierPaths(
+        **{**vars(paths), "phi_t": np.array([np.pi - 0.1, -np.pi + 0.1]), "theta_r": np.array([1.0, 1.5])}
+    )
     assert st.path_loss_db(paths).item() == pytest.approx(-10 * np.log10(5e-10), abs=1e-10)
     assert st.k_factor(paths).item() == pytest.approx(4.0, rel=1e-10)
     assert st.mean_delay(paths).item() == pytest.approx(210e-9, rel=1e-10)
@@ -42,7 +44,7 @@ def test_two_paths_in_closed_form() -> None:
 def test_links_against_scipy() -> None:
     paths = rows_with_an_empty_link()
     angle = np.random.default_rng(0).uniform(-np.pi, np.pi, len(paths))
-    paths = Paths(**{**vars(paths), "phi_r": angle})
+    paths = CarrierPaths(**{**vars(paths), "phi_r": angle})
     power = np.random.default_rng(1).integers(1, 5, len(paths)).astype(float)
     for link in range(paths.link_count - 1):
         repeat = power[paths.link == link].astype(int)
@@ -64,7 +66,7 @@ def test_links_against_scipy() -> None:
 
 def test_spread_of_nearly_equal_directions_keeps_its_digits() -> None:
     paths = two_paths([1e-7, 2e-7], [1.0, 1.0])
-    paths = Paths(**{**vars(paths), "phi_t": np.array([2.0, 2.0 + 2e-9])})
+    paths = CarrierPaths(**{**vars(paths), "phi_t": np.array([2.0, 2.0 + 2e-9])})
     assert st.azimuth_spread(paths, "tx").item() == pytest.approx(1e-9, rel=1e-5)
 
 
@@ -94,7 +96,7 @@ def test_one_path() -> None:
     paths = two_paths([1e-7], [1e-5])
     assert st.k_factor(paths).item() == np.inf and st.coherence_bandwidth(paths).item() == np.inf
     assert st.rms_delay_spread(paths).item() == 0.0 and st.azimuth_spread(paths, "rx").item() == 0.0
-    blocked = Paths(**{**vars(paths), "is_los": np.zeros(1, dtype=bool)})
+    blocked = CarrierPaths(**{**vars(paths), "is_los": np.zeros(1, dtype=bool)})
     assert st.k_factor(blocked).item() == 0.0
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import mmw
 from mmw.channel import (
-    Paths,
+    CarrierPaths,
     apply_arrays,
     beam_gains,
     best_beams,
@@ -95,7 +95,7 @@ def test_best_beams_are_those_of_the_recipe(data: Dataset, search: BeamSearch | 
     poses = data.read("poses")
     for carrier in (4.9e9, 28e9):
         paths = data.paths(carrier)
-        assert isinstance(paths, Paths) and paths.link_count == len(found) // 2
+        assert isinstance(paths, CarrierPaths) and paths.link_count == len(found) // 2
         turns = [rotations_from_poses(poses, paths, end) for end in ("tx", "rx")]
         a = apply_arrays(paths, tx, rx, carrier, *turns)
         frequencies = subcarrier_frequencies(search.subcarriers, search.spacing_hz)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import antenna_field
-from mmw.channel.path_table import Paths, encode_key, read_column, read_numbers
+from mmw.channel.path_table import CarrierPaths, encode_key, read_column, read_numbers
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix
@@ -27,7 +27,7 @@ POSE_COLUMNS = ("scenario", "weather", "frame", "agent", "qx", "qy", "qz", "qw")
 
 
 def apply_arrays(
-    paths: Paths,
+    paths: CarrierPaths,
     tx_array: PlanarArray,
     rx_array: PlanarArray,
     carrier_hz: float,
@@ -37,7 +37,7 @@ def apply_arrays(
     """Return the coefficients A_m of every path between all antennas.
 
     Args:
-        paths: Paths of L links.
+        paths: CarrierPaths of L links.
         tx_array: Array of the transmitters (`peer`).
         rx_array: Array of the receivers (`agent`).
         carrier_hz: Carrier of the paths [Hz], given again because spacings in wavelengths depend on it.
@@ -47,7 +47,7 @@ def apply_arrays(
 
     Returns:
         Voltage ratios without the carrier phase, shape [P, N_r, N_t], complex128: 16 P N_r N_t bytes. Process links
-        in portions (`Paths.take`) where that is too much.
+        in portions (`CarrierPaths.take`) where that is too much.
 
     Raises:
         InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
@@ -55,7 +55,7 @@ def apply_arrays(
     if carrier_hz != paths.carrier_hz:
         raise InputError(
             f"apply_arrays: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds "
-            "for one carrier; make Paths of the rows at the carrier that is wanted"
+            "for one carrier; make CarrierPaths of the rows at the carrier that is wanted"
         )
     tx_field, tx_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
     rx_field, rx_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
@@ -66,7 +66,7 @@ def apply_arrays(
 
 
 def _end(
-    paths: Paths, array: PlanarArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
+    paths: CarrierPaths, array: PlanarArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return element fields [P, polarizations, 2] and array phases [P, elements] of one end."""
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
@@ -84,12 +84,12 @@ def _end(
     return field, np.exp(2j * np.pi * paths.carrier_hz / SPEED_OF_LIGHT * (local @ offset.T))
 
 
-def rotations_from_poses(poses: Any, paths: Paths, which: Literal["tx", "rx"]) -> np.ndarray:
+def rotations_from_poses(poses: Any, paths: CarrierPaths, which: Literal["tx", "rx"]) -> np.ndarray:
     """Return the agent-to-world rotation of one end of every link, shape [L, 3, 3].
 
     Args:
         poses: Rows of table `poses` with at least `POSE_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
-        paths: Paths whose links are looked up by scenario, weather, frame and agent.
+        paths: CarrierPaths whose links are looked up by scenario, weather, frame and agent.
         which: `tx` for the transmitters (`peer`), `rx` for the receivers (`agent`).
 
     Raises:

@@ -50,7 +50,7 @@ def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse
     and slabs are reciprocal. Not for diffraction and diffuse scattering, whose models tell the ends apart.
 
     Args:
-        paths: Paths of the traced links; `link` counts among them.
+        paths: CarrierPaths of the traced links; `link` counts among them.
         links: All links.
         traced: Rows of the traced links, from `unique_links`.
         reverse_of: Row of the traced link that each link is the reverse of, from `unique_links`.

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from mmw.channel.antennas.array_response import POSE_COLUMNS, rotations_from_poses
-from mmw.channel.path_table import Paths
+from mmw.channel.path_table import CarrierPaths
 from mmw.channel.response import frequency_response
 from mmw.core.errors import InputError
 from mmw.dataset.beams import BeamSearch
@@ -105,7 +105,7 @@ def one_peer(feature: Feature, rows: pa.Table, scenario: str) -> str | None:
     return known[0] if known else None
 
 
-def _paths_of(dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str, weather: str) -> Paths:
+def _paths_of(dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str, weather: str) -> CarrierPaths:
     """Return the paths of rows of `links`; link n of the result is row n."""
     paths = dataset.paths(carrier, scenario=scenario, weather=weather)
     place = {(frame, agent, peer): n for n, (_, _, frame, agent, peer) in enumerate(paths.keys.tolist())}

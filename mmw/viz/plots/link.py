@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.channel.antennas.array_response import POSE_COLUMNS, rotations_from_poses
 from mmw.channel.codebook import BeamPairs
-from mmw.channel.path_table import Paths
+from mmw.channel.path_table import CarrierPaths
 from mmw.core.constants import FRAME_DT
 from mmw.dataset import BeamSearch, Dataset
 from mmw.dataset.frame import Link
@@ -78,7 +78,7 @@ def best_beams_over_time(
 
 
 def search_beams(
-    data: Dataset, paths: Paths, scenario: str, weather: str, frames: range, search: BeamSearch
+    data: Dataset, paths: CarrierPaths, scenario: str, weather: str, frames: range, search: BeamSearch
 ) -> BeamPairs:
     """Return the best pair of beams of every link, its arrays turned as the agents of `data` are in the frames."""
     poses = data.read("poses", columns=list(POSE_COLUMNS), scenario=scenario, weather=weather, frames=frames)

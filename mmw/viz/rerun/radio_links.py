@@ -7,7 +7,7 @@ import numpy as np
 import rerun as rr
 
 from mmw.channel.antennas.array_response import rotations_from_poses
-from mmw.channel.path_table import Paths
+from mmw.channel.path_table import CarrierPaths
 from mmw.dataset import BeamSearch
 from mmw.dataset.frame import Frame, Link
 from mmw.viz.plots.paths import ANTENNA, gains_db, path_lines
@@ -99,7 +99,7 @@ def best_beams(frame: Frame, links: list[Link], search: BeamSearch) -> dict[Link
     found = {}
     wanted = {(link.carrier_hz, link.agent, link.peer) for link in links}
     for carrier in sorted({link.carrier_hz for link in links}):
-        paths = Paths.from_table(frame.table("paths"), carrier, frame.table("links"))
+        paths = CarrierPaths.from_table(frame.table("paths"), carrier, frame.table("links"))
         keys = [(carrier, str(key["agent"]), str(key["peer"])) for key in paths.keys]
         own = np.array([index for index, key in enumerate(keys) if key in wanted], dtype=np.int64)
         paths = paths.take(own)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mmw.channel import Paths, PlanarArray, apply_arrays, plane_wave_error, ula, upa
+from mmw.channel import CarrierPaths, PlanarArray, apply_arrays, plane_wave_error, ula, upa
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import quaternion_from_ypr
 from tests.fixtures.path_tables import CARRIER, random_turns, sight
@@ -63,7 +63,7 @@ def test_single_isotropic_antennas_give_the_stored_transfer() -> None:
     """Row = receive, column = transmit component; a transfer that is not symmetric shows which is which."""
     rng = np.random.default_rng(6)
     paths = sight(rng.normal(0, 5, (20, 3)), rng.normal(0, 50, (20, 3)))
-    paths = Paths(**{**vars(paths), "transfer": rng.normal(size=(20, 2, 2)) + 1j * rng.normal(size=(20, 2, 2))})
+    paths = CarrierPaths(**{**vars(paths), "transfer": rng.normal(size=(20, 2, 2)) + 1j * rng.normal(size=(20, 2, 2))})
     iso, dual = PlanarArray(pattern="iso"), PlanarArray(pattern="iso", polarization="VH")
     np.testing.assert_allclose(apply_arrays(paths, iso, iso, CARRIER)[:, 0, 0], paths.transfer[:, 0, 0], atol=1e-14)
     np.testing.assert_allclose(apply_arrays(paths, dual, dual, CARRIER), paths.transfer, atol=1e-14)

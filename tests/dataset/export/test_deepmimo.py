@@ -8,7 +8,7 @@ import pyarrow.fs as fs
 import pytest
 import trimesh
 
-from mmw.channel import Paths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses
+from mmw.channel import CarrierPaths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.dataset import open_dataset
 from mmw.dataset.export.deepmimo.scenarios import FORMAT
@@ -53,7 +53,7 @@ def load(packed: Path, monkeypatch: pytest.MonkeyPatch):
     return open_scenario
 
 
-def our_paths(root: Path, peer: str = "rsu_1") -> tuple[Paths, np.ndarray, np.ndarray]:
+def our_paths(root: Path, peer: str = "rsu_1") -> tuple[CarrierPaths, np.ndarray, np.ndarray]:
     """Return paths of one transmitter, links frame by frame and CAV by CAV, and both ends' rotations."""
     data = open_dataset(root)
     paths, poses = data.paths(CARRIER), data.read("poses")

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from PIL import Image
 
-from mmw.channel import Paths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses, ula, upa
+from mmw.channel import CarrierPaths, PlanarArray, apply_arrays, frequency_response, rotations_from_poses, ula, upa
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr, quaternion_from_ypr, quaternion_to_matrix
 from mmw.dataset import open_dataset
@@ -43,7 +43,7 @@ def published(root: Path, exported) -> Path:
     return out / WEATHER / "Town03" / "Town03_made_up_seed42"
 
 
-def our_link(root: Path, frame: int, agent: str, *arrays: PlanarArray) -> tuple[Paths, np.ndarray]:
+def our_link(root: Path, frame: int, agent: str, *arrays: PlanarArray) -> tuple[CarrierPaths, np.ndarray]:
     """Return the paths of a link from the roadside unit, and their coefficients between a pair of arrays."""
     data = open_dataset(root)
     paths = data.paths(CARRIER, frames=range(frame, frame + 1))

@@ -38,7 +38,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, Paths, PlanarArray, apply_arrays
+from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, PlanarArray, apply_arrays
 from mmw.channel.response import complex_gain
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
@@ -64,7 +64,7 @@ DIGITS = {1: 1, 2: 3, 4: 4, 8: 2}
 class Radio:
     """Links and paths of one scenario, weather and carrier."""
 
-    paths: Paths
+    paths: CarrierPaths
     """`row` counts the paths, so that it names the rows of the other two."""
     coefficient: np.ndarray
     """Coefficient of each path without the carrier phase, shape [P], complex128."""
@@ -83,7 +83,7 @@ def read_radio(dataset: Dataset, part: Part, carrier_hz: float, antennas: Antenn
     lists = ["path_id", "interactions", "vertices", "objects"]
     block = Block(dataset, part.scenario, part.weather, part.frames)
     rows, links = block.table("paths", [*PATH_COLUMNS, *lists]), block.table("links", LINK_COLUMNS)
-    paths = Paths.from_table(rows, carrier_hz, links)
+    paths = CarrierPaths.from_table(rows, carrier_hz, links)
     coefficient = paths.a
     if options["pattern"] != "stored":
         antenna = PlanarArray(pattern=options["pattern"], polarization=options["polarization"])

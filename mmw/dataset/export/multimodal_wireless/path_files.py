@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, Paths, PlanarArray, apply_arrays, impulse_response
+from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, PlanarArray, apply_arrays, impulse_response
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import Dataset
@@ -80,7 +80,7 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
     pairs = array_pairs(options)
     rsus = {agent for (_, agent), role in zip(antennas.row, antennas.role, strict=True) if role == "rsu"}
     for carrier in np.unique(links["carrier_hz"].to_numpy()):
-        paths = Paths.from_table(rows, float(carrier), links)
+        paths = CarrierPaths.from_table(rows, float(carrier), links)
         for number in range(paths.link_count):
             link = paths.take([number])
             frame, agent, peer = (link.keys[0][name] for name in ("frame", "agent", "peer"))
@@ -95,7 +95,7 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
                 np.savez_compressed(place / f"{frame:06d}_paths.npz", **values)
 
 
-def link_arrays(link: Paths, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
+def link_arrays(link: CarrierPaths, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
     """Return the arrays of the file of one link; `normalize` counts delays from the first path, phases too."""
     frame = int(link.keys["frame"][0])
     turns = [
