@@ -7,11 +7,15 @@ from typing import Any
 import numpy as np
 
 from mmw.channel.radio_map.solver import RadioMap
-from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, rotate
+from mmw.scene.radio_devices import RadioDevice
+from mmw.scene.scene import Scene
 from mmw.viz.scene_view.coverage import Coverage, choose_coverage
 from mmw.viz.scene_view.path_lines import PathLines, choose_paths
 from mmw.viz.scene_view.surfaces import EVERYTHING, ClipBox, ColorBy, SurfaceMesh, scene_surfaces
+
+FOCUS_DB = 30.0
+"""Gain below that of the strongest path to which paths decide what is in view [dB]. Design value."""
 
 
 @dataclass(frozen=True)
@@ -56,34 +60,22 @@ class SceneContent:
 
     @property
     def focus(self) -> np.ndarray:
-        """Antennas and interactions, which a picture should show [m], shape [N, 3]."""
+        """Antennas and strong paths (`FOCUS_DB`), which a picture should show [m], shape [N, 3]."""
         ends = [antenna.position for antenna in (*self.transmitters.values(), *self.receivers.values())]
-        lines = [] if self.paths is None else list(self.paths.lines)
+        lines = []
+        if self.paths is not None and len(self.paths):
+            is_strong = self.paths.gain_db >= self.paths.gain_db.max() - FOCUS_DB
+            lines = [self.paths.lines[path] for path in np.flatnonzero(is_strong)]
         return np.concatenate([np.zeros((0, 3)), np.array(ends).reshape(-1, 3), *lines])
 
 
-def choose_weather(scene: Any, weather: str | None) -> str:
-    """Return the weather that is drawn, the scene's first if none is named.
-
-    Raises:
-        InputError: If the scene does not have it.
-    """
-    if weather is not None and weather not in scene.weathers:
-        raise InputError(f"scene {scene.name!r}: has no weather {weather!r}; it has {', '.join(scene.weathers)}")
-    return next(iter(scene.weathers)) if weather is None else weather
-
-
-def antennas(scene: Any, devices: Mapping[str, Any]) -> dict[str, Antenna]:
+def antennas(scene: Scene, devices: Mapping[str, RadioDevice]) -> dict[str, Antenna]:
     """Return where the antennas of transmitters or receivers are."""
-    states = {name: scene.antenna_state(device) for name, device in devices.items()}
-    return {
-        name: Antenna(np.asarray(state[0], dtype=float), np.asarray(state[1], dtype=float))
-        for name, state in states.items()
-    }
+    return {name: Antenna(*scene.antenna_state(device)[:2]) for name, device in devices.items()}
 
 
 def gather(
-    scene: Any,
+    scene: Scene,
     *,
     paths: Any = None,
     radio_map: RadioMap | None = None,
@@ -100,7 +92,7 @@ def gather(
         InputError: If an argument cannot be used, or the paths are of another scene.
     """
     arrays, frame = scene.arrays, scene.frame
-    materials = scene.materials_by_id(choose_weather(scene, weather))
+    materials = scene.materials_by_id(weather)
     chosen = None
     if paths is not None:
         chosen = choose_paths(paths, carrier_hz=carrier_hz, max_paths=max_paths, scene=scene)

@@ -35,7 +35,7 @@ def bars_of(paths: PathLines | None, coverage: Coverage | None) -> tuple[list[Ba
     if paths is not None:
         lines.append(f"{len(paths):,} paths at {carrier_name(paths.carrier_hz)}")
         if len(paths):
-            bars.append(Bar("path gain |a|² [dB]", *paths.limits_db))
+            bars.append(Bar("path gain [dB]", *paths.limits_db))
             lines.append(f"strongest: {paths.labels[-1]}")
     if coverage is not None:
         if len(coverage.values):

@@ -64,6 +64,7 @@ def plot_scene(content: SceneContent, reason: str, height_px: int) -> "Figure":
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set(xlabel="x east [m]", ylabel="y north [m]", zlabel="z [m]")
     axes.set_box_aspect(high - low)
+    axes.locator_params("z", nbins=2)
     axes.view_init(elev=50.0, azim=-120.0)
     left_out = [f"the largest {len(corners):,} of {total:,} triangles"] if len(corners) < total else []
     axes.set_title(content.name, fontsize="medium")
@@ -112,10 +113,9 @@ def _draw_paths(figure: Any, axes: Any, content: SceneContent) -> None:
     paths = content.paths
     if paths is None or not len(paths):
         return
-    colors = scale_colors(paths.gain_db, *paths.limits_db) / 255.0
-    widths = np.where(paths.kind == "los", 2.4, 1.2)
+    colors, widths = scale_colors(paths.share, 0.0, 1.0) / 255.0, 0.4 + 2.0 * paths.share
     axes.add_collection3d(Line3DCollection(list(paths.lines), colors=colors, linewidths=widths, zorder=4))
-    _bar(figure, axes, "path gain |a|² [dB]", paths.limits_db)
+    _bar(figure, axes, "path gain [dB]", paths.limits_db)
 
 
 def _bar(figure: Any, axes: Any, label: str, limits: tuple[float, float]) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
+from mmw.scene.scene import Scene
 from mmw.viz.plots.paths import gain_limits, gains_db
 
 MOVED_M = 1e-3
@@ -47,6 +48,12 @@ class PathLines:
         return gain_limits(self.gain_db) if len(self) else (-1.0, 0.0)
 
     @property
+    def share(self) -> np.ndarray:
+        """Place of each gain on the color scale, 0 to 1, shape [P], float64."""
+        low, high = self.limits_db
+        return np.clip((self.gain_db - low) / (high - low), 0.0, 1.0)
+
+    @property
     def labels(self) -> list[str]:
         """Kind and gain of each path for people."""
         return [f"{kind}, {gain:.1f} dB" for kind, gain in zip(self.kind, self.gain_db, strict=True)]
@@ -69,7 +76,7 @@ class PathLines:
 
 
 def choose_paths(
-    paths: Any, *, carrier_hz: float | None = None, max_paths: int | None = None, scene: Any = None
+    paths: Any, *, carrier_hz: float | None = None, max_paths: int | None = None, scene: Scene | None = None
 ) -> PathLines:
     """Return the strongest paths at a carrier.
 
@@ -120,7 +127,7 @@ def choose_paths(
     )
 
 
-def _check_scene(scene: Any, transmitters: Mapping[str, np.ndarray], receivers: Mapping[str, np.ndarray]) -> None:
+def _check_scene(scene: Scene, transmitters: Mapping[str, np.ndarray], receivers: Mapping[str, np.ndarray]) -> None:
     """Raise InputError unless the scene has the antennas of paths where the paths have them."""
     for kind, known, used in (
         ("transmitter", scene.transmitters, transmitters),
@@ -132,7 +139,7 @@ def _check_scene(scene: Any, transmitters: Mapping[str, np.ndarray], receivers: 
                     f"paths: {kind} {name!r} is not in scene {scene.name!r}, which has {', '.join(known) or 'none'}; "
                     "draw paths in the scene that they were solved in"
                 )
-            now = np.asarray(scene.antenna_state(known[name])[0], dtype=float)
+            now = scene.antenna_state(known[name])[0]
             if not np.linalg.norm(now - place) <= MOVED_M:
                 was, now = (tuple(np.round(point, 3).tolist()) for point in (place, now))
                 raise InputError(

@@ -20,11 +20,11 @@ APPLICATION = "mmw scene"
 ACTORS, COVERAGE, LEGEND = "world/actors", "world/coverage", "legend"
 """Entities of the actors, of the coverage, and of the legend, which has no place."""
 
-LINE_POINTS = {"los": 3.0}
-"""Kind of a path -> width of its line on the screen, in Rerun's points. Design value."""
+LINE_POINTS = (0.3, 2.0)
+"""Width on the screen of the line of the weakest and of the strongest path, in Rerun's points. Design values."""
 
-OTHER_POINTS, ANTENNA_POINTS = 1.5, 8.0
-"""Width of the line of any other path, and size of an antenna on the screen, in Rerun's points. Design values."""
+ANTENNA_POINTS = 8.0
+"""Size of an antenna on the screen, in Rerun's points. Design value."""
 
 AXES_M = 1.5
 """Length of the axes of an antenna [m]. Design value."""
@@ -99,16 +99,16 @@ def _log_paths(stream: rr.RecordingStream, content: SceneContent) -> None:
     paths = content.paths
     if paths is None:
         return
-    colors, labels = scale_colors(paths.gain_db, *paths.limits_db), paths.labels
+    colors, labels = scale_colors(paths.share, 0.0, 1.0), paths.labels
+    points = LINE_POINTS[0] + (LINE_POINTS[1] - LINE_POINTS[0]) * paths.share
     links: dict[tuple[str, str], list[int]] = {}
     for path, link in enumerate(zip(paths.rx.tolist(), paths.tx.tolist(), strict=True)):
         links.setdefault(link, []).append(path)
     for (rx, tx), own in links.items():
-        points = [LINE_POINTS.get(str(paths.kind[path]), OTHER_POINTS) for path in own]
         shape = rr.LineStrips3D(
             [paths.lines[path] for path in own],
             colors=colors[own],
-            radii=rr.Radius.ui_points(points),
+            radii=rr.Radius.ui_points(points[own]),
             labels=[labels[path] for path in own],
             show_labels=False,
         )

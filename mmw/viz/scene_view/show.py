@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from mmw.channel.radio_map.solver import RadioMap
 from mmw.core.errors import InputError
 from mmw.core.extras import install, needed_by
+from mmw.scene.scene import Scene
 from mmw.viz.scene_view.content import SceneContent, gather
 from mmw.viz.scene_view.surfaces import ClipBox, ColorBy
 
@@ -29,7 +30,7 @@ MIN_HEIGHT_PX = 100
 
 
 def show(
-    scene: Any,
+    scene: Scene,
     *,
     paths: Any = None,
     radio_map: RadioMap | None = None,
