@@ -25,6 +25,8 @@ from mmw.scene.scene_state import SceneState
 from mmw.usd.semantics import CARLA_TAG
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
+
     from mmw.channel.antennas.arrays import PlanarArray
 
 Device = TypeVar("Device", bound=RadioDevice)
@@ -360,3 +362,16 @@ class Scene:
         """
         function = load_reference("mmw.sensors.scene_capture:capture")
         return function(self, sensor, pose=pose, actor=actor, velocity=velocity, weather=weather, output=output)
+
+    # --- looking ------------------------------------------------------------------------------------------------------
+
+    def show(self, **options: Any) -> Any:
+        """Show the scene in 3-D in a notebook, a window or a file; see `mmw.viz.scene_view.show` for the options."""
+        return load_reference("mmw.viz.scene_view:show")(self, **options)
+
+    def render(self, **options: Any) -> "Image":
+        """Return a picture by the RGB camera with paths and coverage in it, a Pillow image.
+
+        See `mmw.viz.scene_view.render_picture` for the options.
+        """
+        return load_reference("mmw.viz.scene_view:render_picture")(self, **options)

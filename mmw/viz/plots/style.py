@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from mmw.core.constants import FRAME_DT
 from mmw.core.extras import needed_by
 from mmw.usd.semantics import CARLA_TAG
+from mmw.viz.notebook import show_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -83,6 +84,7 @@ def new_figure(figure: "Figure | SubFigure | None", size: tuple[float, float]) -
         return figure
     with needed_by("mmw.viz.plots"):
         from matplotlib.figure import Figure
+    show_figures()
     return Figure(figsize=size, layout="constrained")
 
 
