@@ -15,10 +15,13 @@ if TYPE_CHECKING:
     from mmw.core.errors import Error, InputError
     from mmw.dataset import Dataset, Frame, connect, open_dataset
     from mmw.dataset import open_dataset as open  # noqa: F401 - the short name
+    from mmw.generation.run_config import generate
+    from mmw.generation.simulation import Simulation
     from mmw.sensors import register_sensor
 
 __all__ = [
-    "Config", "Dataset", "Error", "Frame", "InputError", "connect", "load_config", "open_dataset", "register_sensor",
+    "Config", "Dataset", "Error", "Frame", "InputError", "Simulation", "connect", "generate", "load_config",
+    "open_dataset", "register_sensor",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
@@ -35,6 +38,8 @@ _HOME = {
     **dict.fromkeys(("Config", "load_config"), "mmw.config"),
     **dict.fromkeys(("Error", "InputError"), "mmw.core.errors"),
     **dict.fromkeys(("Dataset", "Frame", "connect", "open_dataset"), "mmw.dataset"),
+    "Simulation": "mmw.generation.simulation",
+    "generate": "mmw.generation.run_config",
     "register_sensor": "mmw.sensors",
 }
 """Name -> module that defines it, so that `import mmw` stays light."""
