@@ -158,7 +158,8 @@ def types_that_fill(table: str) -> tuple[str, ...]:
 def register_sensor(spec: SensorSpec) -> SensorSpec:
     """Register a kind of sensor in this process, for notebooks and tests; packages use an entry point.
 
-    Worker processes import the packages' entry points and do not see it: run with `compute.workers: 1`.
+    Worker processes import the packages' entry points and do not see it. A run that uses it has one worker, therefore;
+    several (`compute.workers`, `compute.engine: ray`) are an error.
 
     Raises:
         InputError: If its type is taken.
