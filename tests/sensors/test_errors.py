@@ -236,7 +236,7 @@ def test_a_memory_that_is_full_with_one_frame_is_exit_code_1_and_resumable(
 ) -> None:
     small = "{type: depth, width_px: 8, height_px: 8}"
     with monkeypatch.context() as patch:
-        patch.setattr(cameras, "trace_samples", lambda *_, **__: use())
+        patch.setattr(cameras, "trace_launch", lambda *_, **__: use())
         assert make_own(own_world, small, "frames.count=7", "compute.batch_frames=7") == 1
     lines = capsys.readouterr().err.splitlines()
     assert [line for line in lines if line.startswith("note: memory")] == [
