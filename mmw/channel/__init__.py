@@ -1,4 +1,4 @@
-"""Radio channel: links, paths, antennas and materials; and what users make of stored paths: arrays, CSI and beams.
+"""Radio channel: links, paths, antennas, radio maps; and what users make of stored paths: arrays, CSI and beams.
 
 The names below are loaded when they are first used, so that `import mmw.channel` stays light.
 """
@@ -14,15 +14,21 @@ if TYPE_CHECKING:
     from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain
     from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, rows_from_paths
     from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_table
+    from mmw.channel.radio_map.measurement_surface import MeasurementSurface, mesh_surface, plane_grid, road_grid
+    from mmw.channel.radio_map.radio_map import RadioMap
+    from mmw.channel.radio_map.radio_map_solver import RadioMapSolver
     from mmw.channel.response import complex_gain, frequency_response, impulse_response, subcarrier_frequencies, taps
 
 __all__ = [
     "LINK_COLUMNS",
     "PATH_COLUMNS",
     "CarrierPaths",
+    "MeasurementSurface",
     "PathTracks",
     "PatternTable",
     "PlanarArray",
+    "RadioMap",
+    "RadioMapSolver",
     "apply_arrays",
     "beam_gains",
     "best_beams",
@@ -30,9 +36,12 @@ __all__ = [
     "dft_codebook",
     "frequency_response",
     "impulse_response",
+    "mesh_surface",
     "normalized_gain",
     "per_element_links",
+    "plane_grid",
     "plane_wave_error",
+    "road_grid",
     "rotations_from_poses",
     "rows_from_paths",
     "subcarrier_frequencies",
@@ -45,7 +54,8 @@ __all__ = [
 
 _MODULES = (
     "antennas.patterns", "antennas.arrays", "codebook", "path_table", "antennas.array_response", "response",
-    "path_tracks", "antennas.per_element_links",
+    "path_tracks", "antennas.per_element_links", "radio_map.measurement_surface", "radio_map.radio_map",
+    "radio_map.radio_map_solver",
 )  # fmt: skip
 """Modules that define them; each is imported only if none before it has the name."""
 
