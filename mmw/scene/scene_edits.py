@@ -1,10 +1,12 @@
-"""Change what a scene consists of: detach, add, clone, remove and repaint objects. Every function returns new arrays."""
+"""Change what a scene consists of: detach, add, clone, remove and repaint objects; functions return new arrays."""
 
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from mmw.core.errors import InputError
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material
 from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
@@ -144,6 +146,22 @@ def make_prototype(
     return Prototype(name, points, faces, material, surface, **corners)
 
 
+def check_mesh(where: str, points: ArrayLike, faces: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices, [N, 3] float64, and triangles, [M, 3] int32, of a mesh that a user gave.
+
+    Raises:
+        InputError: If shapes are wrong, a number is not finite, or a face names no vertex; `where` begins the message.
+    """
+    vertices, triangles = np.asarray(points, dtype=np.float64), np.asarray(faces)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or not len(vertices) or not np.isfinite(vertices).all():
+        raise InputError(f"{where}: points of shape {vertices.shape}; finite numbers of shape [N, 3] are needed")
+    if triangles.ndim != 2 or triangles.shape[1] != 3 or not len(triangles) or triangles.dtype.kind not in "iu":
+        raise InputError(f"{where}: faces of shape {triangles.shape}; whole numbers of shape [M, 3] are needed")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InputError(f"{where}: faces name vertex {triangles.max()}; there are {len(vertices)}; correct them")
+    return vertices, triangles.astype(np.int32)
+
+
 def unique_name(data: SceneData, wanted: str) -> str:
     """Return a name that no actor has: the wanted one, or that with a number."""
     taken = {actor.name for actor in data.actors}
@@ -164,9 +182,7 @@ def _with_actor(
         row = SceneObject(object_id, f"/{name}", label, CARLA_TAG[label], names, name)
     else:
         row = replace(data.objects[object_id], actor=name)
-    actor = Actor(
-        name, role, row.prim_path, len(data.models), object_id, (length, width, height), (x, y, z), row.label
-    )
+    actor = Actor(name, role, row.prim_path, len(data.models), object_id, (length, width, height), (x, y, z), row.label)
     return replace(
         data,
         models=(*data.models, model),

@@ -12,6 +12,7 @@ from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.scene.radio_devices import finite_vector, unit_quaternion
 from mmw.scene.scene_data import SceneData
+from mmw.scene.scene_edits import check_mesh
 
 ROAD_LABELS = ("road", "road_line")
 """Semantic classes of the objects that a road grid covers."""
@@ -44,19 +45,15 @@ class MeasurementSurface:
     """Rows and columns of a grid on a plane, where cell = row * columns + column; None for any other surface."""
 
     def __post_init__(self) -> None:
-        shape = np.shape(self.corners)
+        object.__setattr__(self, "corners", np.asarray(self.corners, dtype=np.float64))
+        shape = self.corners.shape
         if len(shape) != 3 or shape[0] < 1 or shape[1] not in (3, 4) or shape[2] != 3:
             raise InputError(
                 f"measurement surface: corners of shape {shape}; [C, 3, 3] or [C, 4, 3] with at least one cell is "
                 "needed; give three or four corners a cell"
             )
-        is_finite = np.isfinite(self.corners).all(axis=(1, 2))
-        for is_good, fault in ((is_finite, "corners that are not finite"), (self.area > 0.0, "no area")):
-            if not is_good.all():
-                raise InputError(
-                    f"measurement surface: cell {int(np.argmin(is_good))} has {fault}, as {int((~is_good).sum()):,} in "
-                    "all; cells with finite corners and an area are needed; correct or remove them"
-                )
+        _check_cells(np.isfinite(self.corners).all(axis=(1, 2)), "corners that are not finite")
+        _check_cells(self.area > 0.0, "no area")
         if self.grid_shape is not None and self.grid_shape[0] * self.grid_shape[1] != len(self):
             raise InputError(
                 f"measurement surface: grid_shape = {self.grid_shape} for {len(self)} cells; rows times columns must "
@@ -142,17 +139,7 @@ def mesh_surface(points: ArrayLike, faces: ArrayLike, *, offset_m: float = 0.0) 
         InputError: If a value has another shape, is not finite or names no vertex, a triangle has no area, or there are
             too many.
     """
-    vertices, rows = np.asarray(points, dtype=np.float64), np.asarray(faces)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or rows.ndim != 2 or rows.shape[1] != 3 or not len(rows):
-        raise InputError(
-            f"mesh_surface: points of shape {vertices.shape}, faces of shape {rows.shape}; [N, 3] and [M, 3] with at "
-            "least one face are needed; correct them"
-        )
-    if rows.dtype.kind not in "iu" or rows.min() < 0 or rows.max() >= len(vertices):
-        raise InputError(
-            f"mesh_surface: faces of type {rows.dtype} from {rows.min()} to {rows.max()}; whole numbers from 0 to "
-            f"{len(vertices) - 1} are needed, the rows of points; correct them"
-        )
+    vertices, rows = check_mesh("mesh_surface", points, faces)
     if not np.isfinite(offset_m):
         raise InputError(f"mesh_surface: offset_m = {offset_m:g}; a finite distance is needed; correct it")
     if len(rows) > MAX_CELLS:
@@ -210,6 +197,14 @@ def road_grid(
     z = height[:, None] + cell_size_m * np.einsum("cx,kx->ck", slope, step - 0.5)
     z = _shared(corner.reshape(-1, 2), z.ravel()).reshape(-1, 4)
     return MeasurementSurface(np.concatenate([corner * cell_size_m, z[..., None] + height_m], axis=2))
+
+
+def _check_cells(is_good: np.ndarray, fault: str) -> None:
+    if not is_good.all():
+        raise InputError(
+            f"measurement surface: cell {int(np.argmin(is_good))} has {fault}, as {int((~is_good).sum()):,} in all; "
+            "cells with finite corners and an area are needed; correct or remove them"
+        )
 
 
 def _check_cell(cell_size_m: float) -> None:

@@ -1,68 +1,17 @@
 """Solve radio maps of a scene: the public class over `mmw.channel.radio_map.solver`."""
 
 from collections.abc import Mapping
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
 from mmw.channel.radio_map.scene_surface import PLANE, scene_surface
 from mmw.channel.radio_map.solver import check_samples, solve_radio_map
 from mmw.channel.radio_map.transmitters import Transmitters, named_precoding
 from mmw.core.errors import InputError
-from mmw.physics.materials.material import Material
-from mmw.scene.device_scene import DeviceScene
-from mmw.scene.radio_devices import Transmitter
-from mmw.scene.scene_data import SceneData
-
-
-class MapScene(Protocol):
-    """Describe what a map reads of a `Scene`."""
-
-    @property
-    def device_scene(self) -> DeviceScene:
-        """Scene on its device, with the current frame at batch index 0."""
-        ...
-
-    @property
-    def arrays(self) -> SceneData:
-        """Scene on the host."""
-        ...
-
-    @property
-    def frame(self) -> int:
-        """Current frame."""
-        ...
-
-    @property
-    def weathers(self) -> Mapping[str, Any]:
-        """Weathers by name; the first is the default."""
-        ...
-
-    @property
-    def transmitters(self) -> Mapping[str, Transmitter]:
-        """Transmitters by name."""
-        ...
-
-    @property
-    def objects(self) -> Mapping[str, Any]:
-        """Objects by name."""
-        ...
-
-    def antenna_state(self, device: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return position [3] [m], device-to-world rotation [3, 3] and velocity [3] of a device."""
-        ...
-
-    def array_of(self, device: Any) -> PlanarArray:
-        """Return the antenna array of a device."""
-        ...
-
-    def materials_by_id(self, weather: str) -> tuple[Material, ...]:
-        """Return the materials of a weather by id."""
-        ...
+from mmw.scene.scene import Scene
 
 
 class RadioMapSolver:
@@ -85,7 +34,7 @@ class RadioMapSolver:
 
     def __call__(
         self,
-        scene: MapScene,
+        scene: Scene,
         *,
         carrier_hz: float = 28e9,
         surface: str | MeasurementSurface = PLANE,
@@ -124,12 +73,7 @@ class RadioMapSolver:
             InputError: If the scene has no transmitter, weather or object of that name, a value cannot be used, or a
                 material has no data at the carrier.
         """
-        name = next(iter(scene.weathers)) if weather is None else weather
-        if name not in scene.weathers:
-            raise InputError(
-                f"radio map: weather = {name!r}; the scene has {', '.join(scene.weathers)}; use one of them, or load "
-                "the scene with it"
-            )
+        materials = scene.materials_by_id(weather)
         transmitters = scene_transmitters(scene, precoding)
         if isinstance(surface, str):
             surface = scene_surface(
@@ -157,10 +101,10 @@ class RadioMapSolver:
         config = RadioMapConfig(
             carrier_hz, self.samples_per_tx, self.max_depth, self.refraction, bandwidth_hz, temperature_k
         )
-        return solve_radio_map(scene.device_scene, 0, transmitters, surface, config, scene.materials_by_id(name))
+        return solve_radio_map(scene.device_scene, 0, transmitters, surface, config, materials)
 
 
-def scene_transmitters(scene: MapScene, precoding: Mapping[str, ArrayLike] | ArrayLike | None = None) -> Transmitters:
+def scene_transmitters(scene: Scene, precoding: Mapping[str, ArrayLike] | ArrayLike | None = None) -> Transmitters:
     """Return the transmitters of a scene in its current frame.
 
     Args:
@@ -168,19 +112,20 @@ def scene_transmitters(scene: MapScene, precoding: Mapping[str, ArrayLike] | Arr
         precoding: Weights of the antennas of each, as of `RadioMapSolver`.
 
     Raises:
-        InputError: If there is none, or the weights do not fit.
+        InputError: If there is none, the actor of one is absent, or the weights do not fit.
     """
     devices = list(scene.transmitters.values())
     if not devices:
         raise InputError(
-            "radio map: the scene has no transmitter; a map needs at least one; scene.add(mmw.Transmitter(...))"
+            f"scene {scene.name!r}: has no transmitter; a radio map needs one; give it one by "
+            "scene.add(mmw.Transmitter(name, position))"
         )
     names = tuple(scene.transmitters)
-    states = [scene.antenna_state(device) for device in devices]
+    state = scene.antenna_states(devices)
     return Transmitters(
         names,
-        position=np.stack([position for position, _, _ in states]),
-        rotation=np.stack([rotation for _, rotation, _ in states]),
+        position=state.position,
+        rotation=state.rotation,
         power_dbm=np.array([device.power_dbm for device in devices], dtype=np.float64),
         array=tuple(scene.array_of(device) for device in devices),
         precoding=named_precoding(names, precoding),

@@ -93,11 +93,11 @@ def test_impossible_surfaces_are_named() -> None:
     quad = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
     for call, part in (
         (lambda: mesh_surface(flat, [[0, 1, 3], [0, 1, 2]]), "cell 1 has no area, as 1 in all"),
-        (lambda: mesh_surface(flat, [[0, 1, 4]]), "from 0 to 4; whole numbers from 0 to 3"),
-        (lambda: mesh_surface(flat, [[0.0, 1.0, 3.0]]), "faces of type float64"),
-        (lambda: mesh_surface(flat, np.zeros((0, 3), int)), "at least one face"),
+        (lambda: mesh_surface(flat, [[0, 1, 4]]), "faces name vertex 4; there are 4"),
+        (lambda: mesh_surface(flat, [[0.0, 1.0, 3.0]]), r"faces of shape \(1, 3\); whole numbers"),
+        (lambda: mesh_surface(flat, np.zeros((0, 3), int)), r"faces of shape \(0, 3\)"),
         (lambda: mesh_surface(np.zeros((4, 2)), [[0, 1, 3]]), r"points of shape \(4, 2\)"),
-        (lambda: mesh_surface([*flat[:3], [0, np.nan, 0]], [[0, 1, 3]]), "cell 0 has corners that are not finite"),
+        (lambda: mesh_surface([*flat[:3], [0, np.nan, 0]], [[0, 1, 3]]), "points of shape"),
         (lambda: mesh_surface(flat, [[0, 1, 3]], offset_m=np.inf), "offset_m = inf"),
         (lambda: plane_grid((0, 0, np.nan), (4, 4), 1.0), r"center_m = \(0.0, 0.0, nan\)"),
         (lambda: plane_grid((0, 0), (4, 4), 1.0), "center_m"),
@@ -107,6 +107,7 @@ def test_impossible_surfaces_are_named() -> None:
         (lambda: plane_grid((0, 0, 0), (4, 4), 1.0, (0, 0, 0, 0)), "orientation"),
         (lambda: MeasurementSurface(quad[:, :2]), r"corners of shape \(1, 2, 3\)"),
         (lambda: MeasurementSurface(quad, (2, 1)), "grid_shape"),
+        (lambda: MeasurementSurface(np.where(quad > 0, np.inf, quad)), "cell 0 has corners that are not finite"),
     ):
         with pytest.raises(InputError, match=part):
             call()
