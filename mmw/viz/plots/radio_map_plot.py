@@ -146,19 +146,40 @@ def _add_scale(axes: Any, cells: Any, label: str) -> None:
     axes.figure.colorbar(cells, ax=axes, label=label, extend="min", shrink=0.9)
 
 
-def draw_scene(axes: Any, arrays: SceneData, frame: int) -> None:
-    """Draw buildings as gray areas below the cells, and the vehicles of a frame as outlines over them."""
-    from matplotlib.collections import PolyCollection
+def draw_scene(axes: Any, arrays: SceneData, frame: int, within: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+    """Draw buildings as gray areas with their walls as lines, and the vehicles of a frame as outlines over them.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        arrays: The scene.
+        frame: Frame whose vehicles are drawn.
+        within: Least and greatest x and y of what is drawn [m], shape [2] each; everything by default.
+    """
+    from matplotlib.collections import LineCollection, PolyCollection
 
     is_building = np.array([one.label == "building" for one in arrays.objects], dtype=bool)
     mesh = TriangleMesh(arrays.points, arrays.faces[is_building[arrays.object_id]])
-    is_flat = np.abs(mesh.normals[:, 2]) > FLAT_COSINE
-    axes.add_collection(
-        PolyCollection(list(mesh.corners[is_flat, :, :2]), facecolors="0.75", edgecolors="0.75", zorder=1)
-    )
+    plan, is_flat = mesh.corners[..., :2], np.abs(mesh.normals[:, 2]) > FLAT_COSINE
+    is_near = np.ones(len(plan), dtype=bool)
+    if within is not None:
+        is_near = ((plan.max(axis=1) >= within[0]) & (plan.min(axis=1) <= within[1])).all(axis=1)
+    areas = PolyCollection(list(plan[is_flat & is_near]), facecolors="0.75", edgecolors="0.75", zorder=1)
+    axes.add_collection(areas)
+    axes.add_collection(LineCollection(_wall_lines(plan[~is_flat & is_near]), colors="0.6", linewidths=0.8, zorder=1))
     pose, outlines = arrays.poses[arrays.frame_row(frame)], []
     for row, actor in enumerate(arrays.actors):
         if actor.model != MODEL_NONE and np.isfinite(pose[row]).all():
             half, signs = np.array(actor.size) / 2.0, np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
             outlines.append(transform_points(pose[row], np.array(actor.center) + signs * half)[:, :2])
     axes.add_collection(PolyCollection(outlines, facecolors="none", edgecolors="black", linewidths=0.7, zorder=3))
+
+
+def _wall_lines(plan: np.ndarray) -> np.ndarray:
+    """Return the longest edge of each triangle, each line once, shape [M, 3, 2] -> [N, 2, 2]."""
+    edges = np.stack([plan, np.roll(plan, -1, axis=1)], axis=2)
+    longest = np.argmax(np.linalg.norm(edges[:, :, 1] - edges[:, :, 0], axis=-1), axis=1)
+    lines = np.round(edges[np.arange(len(plan)), longest], 2)
+    turned = np.lexsort(np.moveaxis(lines, 2, 0)[::-1], axis=-1)  # from the end with the lower x
+    lines = np.take_along_axis(lines, turned[..., None], axis=1).reshape(-1, 4)
+    lines = np.unique(lines, axis=0).reshape(-1, 2, 2)
+    return lines[(lines[:, 0] != lines[:, 1]).any(axis=1)]
