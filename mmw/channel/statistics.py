@@ -13,6 +13,11 @@ from numpy.typing import ArrayLike
 from mmw.channel.path_table import CarrierPaths
 from mmw.core.errors import InputError
 
+__all__ = [
+    "antenna_power", "azimuth_spread", "coherence_bandwidth", "doppler_spread", "frequency_correlation", "k_factor",
+    "mean_delay", "mean_doppler", "path_loss_db", "rms_delay_spread", "zenith_spread",
+]  # fmt: skip
+
 
 def antenna_power(a: np.ndarray) -> np.ndarray:
     """Return the mean of |a|^2 over all pairs of antennas, shape [P, N_r, N_t] -> [P]."""

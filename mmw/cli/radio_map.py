@@ -21,7 +21,8 @@ from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface, plane_grid, road_grid
 from mmw.channel.radio_map.solver import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
+from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device, device_name
 from mmw.core.errors import InputError

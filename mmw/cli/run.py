@@ -9,8 +9,9 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP, Config, ConfigError, config_path, load_config
+from mmw.config import Config, ConfigError, config_path, load_config
 from mmw.config.load import json_schema, to_yaml
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
 from mmw.generation.executors.process_pool import may_use_processes, start_server
 

@@ -3,6 +3,8 @@
 A command prints these as one line each and exits with `exit_code`; see `mmw.cli.command`.
 """
 
+__all__ = ["Error", "InputError", "MissingPackageError", "PluginError"]
+
 
 class Error(Exception):
     """Base class of errors whose message is complete for a user: location, problem, remedy."""

@@ -12,6 +12,11 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import invert, make_pose, normalize, quaternion_from_ypr, transform_points
 from mmw.sensors.render.projection import project, unproject
 
+__all__ = [
+    "CORNERS", "EDGES", "POSE_COLUMNS", "Camera", "box_corners", "from_world", "intrinsics_from_row", "pose_from_row",
+    "to_world",
+]  # fmt: skip
+
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in `poses` and `sensors`."""
 

@@ -50,10 +50,10 @@ class Dataset:
     """The folder; in `filesystem` where that is given."""
     filesystem: pafs.FileSystem | None = None
     """None for local files."""
-    _opened: dict[str, pds.Dataset] = field(default_factory=dict, compare=False, repr=False)
-    _checked: set[str] = field(default_factory=set, compare=False, repr=False)
+    _opened: dict[str, pds.Dataset] = field(default_factory=dict, init=False, compare=False, repr=False)
+    _checked: set[str] = field(default_factory=set, init=False, compare=False, repr=False)
     """Files whose columns have been checked."""
-    _parts: "dict[str, Parts]" = field(default_factory=dict, compare=False, repr=False)
+    _parts: "dict[str, Parts]" = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @cached_property
     def info(self) -> dict[str, Any]:

@@ -243,7 +243,7 @@ class Frame:
     scenario: str
     weather: str
     frame: int
-    _tables: dict[str, pa.Table] = field(default_factory=dict, compare=False, repr=False)
+    _tables: dict[str, pa.Table] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
     def time_s(self) -> float:

@@ -7,23 +7,22 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mmw.config.sensor import MountConfig as MountConfig
-    from mmw.config.sensor import SensorConfig as SensorConfig
-    from mmw.config.sensor_spec import SENSORS as SENSORS
-    from mmw.config.sensor_spec import Camera as Camera
-    from mmw.config.sensor_spec import Estimate as Estimate
-    from mmw.config.sensor_spec import Modality as Modality
-    from mmw.config.sensor_spec import SensorSpec as SensorSpec
-    from mmw.config.sensor_spec import register_sensor as register_sensor
-    from mmw.sensors.depth.config import DepthCamera as DepthCamera
-    from mmw.sensors.gnss.config import Gnss as Gnss
-    from mmw.sensors.imu.config import Imu as Imu
-    from mmw.sensors.lidar.config import Lidar as Lidar
-    from mmw.sensors.radar.config import Radar as Radar
-    from mmw.sensors.rgb.config import RgbCamera as RgbCamera
-    from mmw.sensors.sensor_input import SensorInput as SensorInput
-    from mmw.storage.table_spec import column as column
-    from mmw.storage.table_spec import sensor_table as sensor_table
+    from mmw.config.sensor import MountConfig, SensorConfig
+    from mmw.config.sensor_spec import SENSORS, Camera, Estimate, Modality, SensorSpec, register_sensor
+    from mmw.sensors.depth.config import DepthCamera
+    from mmw.sensors.gnss.config import Gnss
+    from mmw.sensors.imu.config import Imu
+    from mmw.sensors.lidar.config import Lidar
+    from mmw.sensors.radar.config import Radar
+    from mmw.sensors.rgb.config import RgbCamera
+    from mmw.sensors.sensor_input import SensorInput
+    from mmw.storage.table_spec import F32, F64, I32, NAME, column, sensor_table
+
+__all__ = [
+    "F32", "F64", "I32", "NAME", "SENSORS", "Camera", "DepthCamera", "Estimate", "Gnss", "Imu", "Lidar", "Modality",
+    "MountConfig", "Radar", "RgbCamera", "SensorConfig", "SensorInput", "SensorSpec", "column", "register_sensor",
+    "sensor_table",
+]  # fmt: skip
 
 _HOME = {
     **dict.fromkeys(("MountConfig", "SensorConfig"), "mmw.config.sensor"),
