@@ -24,6 +24,11 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
 
     Raises:
         ConfigError: If the file, an override or a value cannot be used.
+
+    Examples:
+        >>> config = load_config("quickstart", ["frames.count=50", "weathers=[sunny, rainy]"])
+        >>> config.frames.count, config.weathers, config.scenarios[0].name
+        (50, ('sunny', 'rainy'), 'town03_roundabout')
     """
     path = config_path(path)
     data = _read(path)

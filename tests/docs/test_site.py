@@ -78,7 +78,8 @@ def test_markdown_is_understood_as_it_is_meant(pages: dict[str, HtmlPage]) -> No
 
 
 API = {
-    page.stem: re.findall(r"^::: (\S+)$", page.read_text(), re.M) for page in sorted((DOCS / "reference/api").glob("*.md"))
+    page.stem: re.findall(r"^::: (\S+)$", page.read_text(), re.M)
+    for page in sorted((DOCS / "reference/api").glob("*.md"))
 }
 """Page of the reference -> public modules on it."""
 

@@ -59,6 +59,11 @@ def render_frame(
         InputError: If the dataset has no such frame or agent, the agent has no sample of any sensor in it, or `color`
             or `boxes` is none of the words.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> render_frame(data, "town03_roundabout", "sunny", 0).savefig("frame.png")
     """
     found = data.frame(scenario, weather, frame)
     cameras, others = choose_panels(found, agent)

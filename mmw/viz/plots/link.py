@@ -120,6 +120,11 @@ def plot_link(
     Raises:
         InputError: If the dataset has no such link, carrier or frame.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> plot_link(data, "town03_roundabout", "sunny", "rsu_1", "cav_1", frames=range(0, 3)).savefig("link.png")
     """
     series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
     carrier_hz = float(series["carrier_hz"][0])

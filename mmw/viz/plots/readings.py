@@ -110,6 +110,11 @@ def plot_readings(
     Raises:
         InputError: If the scenario has no such scalar sensor.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> plot_readings(data, "town03_roundabout", "sunny", "imu").savefig("imu.png")
     """
     readings = read_readings(data, scenario, weather, sensor, agents=agents, frames=frames)
     count = min(COLUMNS, len(readings.columns))

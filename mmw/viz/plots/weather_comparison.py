@@ -46,6 +46,11 @@ def plot_sensor(
     Raises:
         InputError: If the agent has no such sensor, or no sample of it in the frame.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> plot_sensor(data, "town03_roundabout", ["sunny"], 0, "cav_1", "lidar").savefig("lidar.png")
     """
     owner = find_agent(data.frame(scenario, weathers[0], frame), agent)
     if sensor not in owner.sensors:
