@@ -9,9 +9,10 @@ import numpy as np
 import trimesh
 
 from bench.scenes import shipped_town
-from mmw.channel.links import LINK_V2I, LINK_V2V, Links, RadioDevices
+from mmw.channel.links import LINK_V2I, LINK_V2V, Links
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.scene.mounted_antennas import RadioDevices
 from mmw.scene.scene_data import SceneData, SceneObject
 
 SPEED_MPS = 10.0

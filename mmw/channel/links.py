@@ -7,31 +7,13 @@ import numpy as np
 
 from mmw.config import ChannelConfig
 from mmw.config.section import Vec3
-from mmw.core.kinematics import differentiate_rows
-from mmw.core.transforms import normalize, quaternion_to_matrix
-from mmw.physics.em.vectors import rotate
+from mmw.scene.mounted_antennas import RadioDevices, mounted_antennas
 from mmw.scene.scene_data import SceneData
 
 LINK_V2I, LINK_V2V = range(2)
 """`Links.kind` of a downlink from a roadside unit to a CAV, and of a link between two CAVs."""
 LINK_KINDS = ("v2i", "v2v")
 """Name of each kind."""
-
-
-@dataclass(frozen=True)
-class RadioDevices:
-    """One side of every link, world frame."""
-
-    position: np.ndarray
-    """Phase center of the antenna [m], shape [L, 3], float64."""
-    rotation: np.ndarray
-    """Antenna-to-world rotation, shape [L, 3, 3], float64."""
-    velocity: np.ndarray
-    """Velocity of the antenna [m/s], shape [L, 3], float64."""
-
-    def take(self, rows: np.ndarray) -> "RadioDevices":
-        """Return the ends of some links."""
-        return RadioDevices(self.position[rows], self.rotation[rows], self.velocity[rows])
 
 
 @dataclass(frozen=True)
@@ -85,29 +67,17 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
         pairs += [(LINK_V2V, t, r) for t in cavs for r in cavs if t != r]
     pair = np.array(pairs, dtype=np.int32).reshape(-1, 3)
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    poses = arrays.poses[rows]
-    is_here = np.asarray(np.isfinite(poses).all(axis=2))
+    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     batch_index, column = np.nonzero(is_here[:, pair[:, 1]] & is_here[:, pair[:, 2]])
     kind, tx_actor, rx_actor = pair[column].T
-    motion = differentiate_rows(arrays.poses, rows)
     places: Mapping[str, Vec3] = {**config.antenna_position_m}
     mount = np.array([places.get(actor.role, (0.0, 0.0, 0.0)) for actor in actors]).reshape(-1, 3)
-
-    def ends(actor: np.ndarray) -> RadioDevices:
-        rotation = quaternion_to_matrix(normalize(poses[batch_index, actor, 3:]))
-        lever = rotate(rotation, mount[actor])
-        return RadioDevices(
-            position=poses[batch_index, actor, :3] + lever,
-            rotation=rotation,
-            velocity=motion.velocity[batch_index, actor] + np.cross(motion.world_rate[batch_index, actor], lever),
-        )
-
     return Links(
         frame=np.array(frames, dtype=np.int32)[batch_index],
         batch_index=batch_index.astype(np.int32),
         kind=kind.astype(np.int8),
         tx_actor=tx_actor,
         rx_actor=rx_actor,
-        tx=ends(tx_actor),
-        rx=ends(rx_actor),
+        tx=mounted_antennas(arrays, rows, batch_index, tx_actor, mount[tx_actor]),
+        rx=mounted_antennas(arrays, rows, batch_index, rx_actor, mount[rx_actor]),
     )

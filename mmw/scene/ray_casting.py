@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 from numpy.typing import ArrayLike
 
+from mmw.core.errors import InputError
 from mmw.kernels.core.structs import Hit
 from mmw.kernels.core.trace import cast_kernel
 from mmw.scene.device_scene import DeviceScene
@@ -73,3 +74,30 @@ def cast_rays(
         np.where(is_hit, found["material_id"], -1),
         np.where(is_hit[:, None], found["normal"], np.float32(0.0)),
     )
+
+
+def ray_arrays(origins: ArrayLike, directions: ArrayLike, max_distance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return origins and unit directions of rays that a user gave, shape [R, 3] each, float64.
+
+    Args:
+        origins: Ray origins [m], shape [R, 3], [1, 3] or [3].
+        directions: Directions of any length above 0, of these shapes too.
+        max_distance: Length of the rays [m].
+
+    Raises:
+        InputError: If shapes do not fit, a value is not finite, or a direction is zero.
+    """
+    start = np.atleast_2d(np.asarray(origins, dtype=np.float64))
+    toward = np.atleast_2d(np.asarray(directions, dtype=np.float64))
+    fits = len(start) == len(toward) or 1 in (len(start), len(toward))
+    if start.shape[1:] != (3,) or toward.shape[1:] != (3,) or not fits:
+        raise InputError(
+            f"cast_rays: origins {start.shape}, directions {toward.shape}; both need shape [R, 3], or one ray"
+        )
+    length = np.linalg.norm(toward, axis=-1, keepdims=True)
+    if not (np.isfinite(start).all() and np.isfinite(length).all() and (length > 0).all() and max_distance > 0):
+        raise InputError(
+            "cast_rays: a value is not finite, a direction is zero, or max_distance is not above 0; correct it"
+        )
+    shape = (max(len(start), len(toward)), 3)
+    return np.broadcast_to(start, shape), np.broadcast_to(toward / length, shape)

@@ -8,7 +8,7 @@ import pytest
 from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.per_element_links import per_element_links
-from mmw.channel.links import Links, RadioDevices
+from mmw.channel.links import Links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_table import rows_from_paths
 from mmw.channel.paths import PathSet
@@ -26,6 +26,7 @@ from mmw.core.transforms import (
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.mounted_antennas import RadioDevices
 from mmw.scene.scene_data import Prototype
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.device_rays import loaded

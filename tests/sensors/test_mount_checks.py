@@ -7,9 +7,10 @@ import pytest
 
 from mmw.config import Config, MountConfig
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.enclosing_objects import enclosing_objects
 from mmw.scene.scene_data import SceneData
 from mmw.sensors import DepthCamera, Lidar
-from mmw.sensors.mount_checks import check_mounts, enclosing_objects
+from mmw.sensors.mount_checks import check_mounts
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.channel.antennas.arrays import PlanarArray
-from mmw.channel.links import Links, RadioDevices
+from mmw.channel.links import Links
 from mmw.physics.em.vectors import rotate
+from mmw.scene.mounted_antennas import RadioDevices
 
 
 def per_element_links(
