@@ -26,7 +26,7 @@ from mmw.viz.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from mmw.viz.plots.style import Canvas
 
 BEAM_FRAMES = 200
 """Frames at which the best beams are searched at most: a search takes about 1.5 ms of one core. Design value."""
@@ -97,8 +97,8 @@ def plot_link(
     frames: range | None = None,
     search: BeamSearch | None = None,
     beam_frames: int = BEAM_FRAMES,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":
+    figure: "Canvas | None" = None,
+) -> "Canvas":
     """Draw a link over time (gain and blockage, delay spread, best beams) and its delay profile and angles at a frame.
 
     Args:
@@ -162,8 +162,8 @@ def plot_path_history(
     *,
     carrier_hz: float | None = None,
     frames: range | None = None,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":
+    figure: "Canvas | None" = None,
+) -> "Canvas":
     """Draw the gain of a link over time, and delay and Doppler shift of every one of its paths, colored by gain.
 
     Arguments, return value and errors are those of `plot_link`.
