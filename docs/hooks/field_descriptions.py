@@ -11,14 +11,10 @@ class FieldDescriptions(griffe.Extension):
 
     def on_attribute_instance(self, *, node: Any, attr: griffe.Attribute, **_: Any) -> None:
         """Read the call that a field is assigned, as griffe meets it."""
-        call = getattr(node, "value", None)
-        if not isinstance(call, ast.Call):
+        if not isinstance(attr.value, griffe.ExprCall):
             return
-        for keyword in call.keywords:
-            if keyword.arg == "description" and isinstance(keyword.value, ast.Constant):
-                attr.docstring = attr.docstring or griffe.Docstring(
-                    keyword.value.value, lineno=node.lineno, parent=attr
-                )
-                default = attr.value.arguments[0] if isinstance(attr.value, griffe.ExprCall) else None
-                is_default = call.args and not (isinstance(call.args[0], ast.Constant) and call.args[0].value is ...)
-                attr.value = default if is_default and ast.unparse(call.func) == "Field" else None
+        given = {one.name: one.value for one in attr.value.arguments if isinstance(one, griffe.ExprKeyword)}
+        if "description" in given:
+            text = ast.literal_eval(str(given["description"]))
+            attr.docstring = attr.docstring or griffe.Docstring(text, lineno=node.lineno, parent=attr)
+            attr.value = given.get("default")

@@ -16,7 +16,7 @@ PresetName = Literal["sunny", "light_rain", "rainy", "heavy_rain", "light_fog", 
 
 def _value(name: str, description: str) -> Any:
     low, high = LIMITS[name]
-    return Field(None, ge=low, le=high, description=description)
+    return Field(default=None, ge=low, le=high, description=description)
 
 
 class AirConfig(Section):
@@ -25,12 +25,12 @@ class AirConfig(Section):
     Parameters of `carla` replace values of the preset, and every other key replaces both.
     """
 
-    preset: PresetName | None = Field(None, description="preset that fills in what is left out (name)")
+    preset: PresetName | None = Field(default=None, description="preset that fills in what is left out (name)")
     carla: CarlaWeather = Field(
-        None, description="CARLA's weather parameters, or the name of one of its presets (section or name)"
+        default=None, description="CARLA's weather parameters, or the name of one of its presets (section or name)"
     )
     variant: str | None = Field(
-        None,
+        default=None,
         min_length=1,
         description="variant of the stage's materials; left out, it is the one of the weather's own name, else one "
         "for wet or dry ground (name)",
@@ -40,7 +40,7 @@ class AirConfig(Section):
         "visibility_m", description="meteorological optical range that fog or haze leaves, without the rain's share [m]"
     )
     fog_type: FogType | None = Field(
-        None, description="drop sizes of the fog: the water that a visibility means (name)"
+        default=None, description="drop sizes of the fog: the water that a visibility means (name)"
     )
     lwc_g_m3: float | None = _value(
         "lwc_g_m3",

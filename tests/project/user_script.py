@@ -84,6 +84,9 @@ def configure() -> None:
     """Describe sensors and antennas, and meet an error."""
     lidar = mmw.sensors.Lidar(channels=64, range_m=120.0)
     camera = mmw.sensors.RgbCamera(width_px=640, height_px=480, fov_deg=90.0)
+    others = [mmw.sensors.Imu(), mmw.sensors.Gnss(rate_hz=10.0), mmw.sensors.Radar(), mmw.sensors.DepthCamera()]
+    channel = mmw.config.ChannelConfig(carriers_hz=(28e9,), max_depth=2)
+    print([sensor.name for sensor in others], channel.max_depth, mmw.config.FramesConfig(count=20).count)
     theta, phi = np.linspace(0.0, np.pi, 19), np.linspace(0.0, 2 * np.pi, 37)
     print(lidar.channels, camera.name, PatternTable(theta, phi, np.ones((19, 37))).theta)
     try:
