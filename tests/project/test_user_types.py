@@ -18,7 +18,8 @@ def problems_of(folder: Path, source: str) -> list[str]:
     (folder / "script.py").write_text(source)
     settings = {"typeCheckingMode": "strict", "include": ["script.py"], "extraPaths": [str(ROOT)]}
     (folder / "pyrightconfig.json").write_text(json.dumps(settings))
-    command = [sys.executable, "-m", "pyright", "--pythonpath", sys.executable, "--outputjson", "--project", str(folder)]
+    options = ["--pythonpath", sys.executable, "--outputjson", "--project", str(folder)]
+    command = [sys.executable, "-m", "pyright", *options]
     result = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
     found = json.loads(result.stdout)
     assert found["summary"]["filesAnalyzed"] == 1

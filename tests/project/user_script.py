@@ -51,7 +51,7 @@ def read(folder: str) -> np.ndarray:
     """Read a dataset as frames, paths and tables."""
     data = mmw.open_dataset(folder)
     print(data.tables, data.info["schema_version"], data.numpy("poses")["x"].mean())
-    paths: CarrierPaths = data.paths(28e9, frames=range(0, 2))
+    paths: CarrierPaths = data.paths(28e9, frames=range(2))
     a = apply_arrays(paths, ula(64), ula(16), 28e9)
     h = frequency_response(a, paths, mmw.channel.subcarrier_frequencies(64, 120e3), 28e9)
     frame: mmw.Frame = data.frame("town03_roundabout", "sunny", 0)

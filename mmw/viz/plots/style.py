@@ -91,6 +91,11 @@ def new_figure(figure: "Canvas | None", size: tuple[float, float]) -> "Canvas":
     return made
 
 
+def carrier_name(carrier_hz: float) -> str:
+    """Return a carrier for people: 28 GHz, 4.9 GHz."""
+    return f"{carrier_hz / 1e9:.6g} GHz"
+
+
 def box_kind(agent: Any, category: str) -> str:
     """Return which of `BOX_STYLES` a row of `boxes` has."""
     if agent is not None:
