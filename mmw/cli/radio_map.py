@@ -23,7 +23,8 @@ from mmw.channel.radio_map.solver import solve_radio_map
 from mmw.channel.radio_map.table import RADIO_MAP
 from mmw.channel.radio_map.transmitters import actor_transmitters
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
+from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device, device_name
 from mmw.core.errors import InputError

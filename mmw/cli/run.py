@@ -8,8 +8,9 @@ import json
 from collections.abc import Sequence
 
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP, config_path, load_config
+from mmw.config import config_path, load_config
 from mmw.config.load import json_schema, to_yaml
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
 from mmw.generation.run_config import ACCEPTABLE, describe_config, run_config
 

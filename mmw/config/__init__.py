@@ -11,12 +11,11 @@ from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorConfig
-from mmw.config.sensors import AnySensor
-from mmw.config.shipped import CONFIG_HELP, config_path
+from mmw.config.shipped import config_path
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
-    "CONFIG_HELP", "AirConfig", "AnySensor", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config",
-    "ConfigError", "FramesConfig", "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig",
-    "ScenarioConfig", "SensorConfig", "TrafficConfig", "config_path", "load_config",
+    "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
+    "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig",
+    "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

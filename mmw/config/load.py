@@ -45,6 +45,11 @@ def load_config(
 
     Raises:
         ConfigError: If the file, an override or a value cannot be used.
+
+    Examples:
+        >>> config = load_config("quickstart", ["frames.count=50", "weathers=[sunny, rainy]"])
+        >>> config.frames.count, config.weathers, config.scenarios[0].name
+        (50, ('sunny', 'rainy'), 'town03_roundabout')
     """
     place = place_of(source)
     data = _content(source, place, base_folder(source, base))

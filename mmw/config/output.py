@@ -9,14 +9,14 @@ class OutputConfig(Section):
     """The dataset folder and its shards."""
 
     dir: PathText = Field(
-        "out/dataset",
+        default="out/dataset",
         description="dataset folder, relative to the working directory, or s3://bucket/folder; `--out` replaces it "
         "(path)",
     )
     staging: PathText | None = Field(
-        None,
+        default=None,
         description="folder on this machine for what is on its way to a store; in the user's cache if absent (path)",
     )
     shard_frames: int = Field(
-        100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
+        default=100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
     )

@@ -24,7 +24,7 @@ class ConfigError(InputError):
         self._problems = list(problems)
 
     def __reduce__(self) -> tuple[type["ConfigError"], tuple[list[str]]]:
-        """Return what copies it to another process: its problems, not its text."""
+        # It goes to another process by its problems, not by its text.
         return ConfigError, (self._problems,)
 
     @property

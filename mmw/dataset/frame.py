@@ -235,14 +235,24 @@ class Agent:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of one scenario in one weather. Tables are read at their first use and stay with the frame."""
+    """One frame of one scenario in one weather. Tables are read at their first use and stay with the frame.
+
+    Examples:
+        >>> import mmw
+        >>> frame = mmw.open_dataset("out/quickstart").frame("town03_roundabout", "sunny", 0)
+        >>> agent = frame.agents["cav_1"]
+        >>> agent.role, agent.pose.shape, agent.views["front"].rgb.shape[-1]
+        ('cav', (7,), 3)
+        >>> [(link.peer, link.carrier_hz, link.is_los) for link in agent.links]
+        [('rsu_1', 4900000000.0, True), ('rsu_1', 28000000000.0, True)]
+    """
 
     data: TableReader
     """The dataset, or the tables of a simulated frame."""
     scenario: str
     weather: str
     frame: int
-    _tables: dict[str, pa.Table] = field(default_factory=dict, compare=False, repr=False)
+    _tables: dict[str, pa.Table] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
     def time_s(self) -> float:

@@ -60,10 +60,12 @@ _HOME = {
 """Name -> module that defines it, so that `import mmw.sensors` stays light."""
 
 
-def __getattr__(name: str) -> _Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_import_module(_HOME[name]), name)
+if not TYPE_CHECKING:  # checkers of types would take any name as there
+
+    def __getattr__(name: str) -> _Any:
+        if name not in _HOME:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(_import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:

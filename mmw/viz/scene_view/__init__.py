@@ -3,6 +3,4 @@
 `Scene.show`, `Scene.render` and `Paths.plot` are these functions.
 """
 
-from mmw.viz.scene_view.show import show
-
-__all__ = ["show"]
+from mmw.viz.scene_view.show import show as show
