@@ -1,4 +1,4 @@
-"""Generate and read multimodal wireless datasets.
+"""Trace radio channels and sensors in 3-D scenes, and generate and read multimodal wireless datasets.
 
 `__all__` lists the public names, which are loaded at their first use. Classes and functions for sensors are in
 `mmw.sensors`. `mmw.open` is the short name of `open_dataset`.
@@ -11,14 +11,20 @@ from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 if TYPE_CHECKING:
+    from mmw.channel import Paths, PathSolver, PlanarArray
     from mmw.config import Config, load_config
     from mmw.core.errors import Error, InputError
     from mmw.dataset import Dataset, Frame, connect, open_dataset
     from mmw.dataset import open_dataset as open  # noqa: F401 - the short name
+    from mmw.physics.materials.material import RadioMaterial
+    from mmw.physics.weather.weather import Weather
+    from mmw.scene import Receiver, Scene, Transmitter, load_scene
     from mmw.sensors import register_sensor
 
 __all__ = [
-    "Config", "Dataset", "Error", "Frame", "InputError", "connect", "load_config", "open_dataset", "register_sensor",
+    "Config", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMaterial",
+    "Receiver", "Scene", "Transmitter", "Weather", "connect", "load_config", "load_scene", "open_dataset",
+    "register_sensor",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
@@ -32,9 +38,13 @@ if (_root / "pyproject.toml").is_file():
 
 
 _HOME = {
+    **dict.fromkeys(("PathSolver", "Paths", "PlanarArray"), "mmw.channel"),
     **dict.fromkeys(("Config", "load_config"), "mmw.config"),
     **dict.fromkeys(("Error", "InputError"), "mmw.core.errors"),
     **dict.fromkeys(("Dataset", "Frame", "connect", "open_dataset"), "mmw.dataset"),
+    "RadioMaterial": "mmw.physics.materials.material",
+    "Weather": "mmw.physics.weather.weather",
+    **dict.fromkeys(("Receiver", "Scene", "Transmitter", "load_scene"), "mmw.scene"),
     "register_sensor": "mmw.sensors",
 }
 """Name -> module that defines it, so that `import mmw` stays light."""

@@ -12,49 +12,39 @@ if TYPE_CHECKING:
     from mmw.channel.antennas.patterns import PatternTable
     from mmw.channel.antennas.per_element_links import per_element_links
     from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain
+    from mmw.channel.path_solver.path_solver import PathSolver
     from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, rows_from_paths
     from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_table
     from mmw.channel.response import complex_gain, frequency_response, impulse_response, subcarrier_frequencies, taps
+    from mmw.channel.scene_paths import Paths
+
+_HOME = {
+    "antennas.array_response": ("apply_arrays", "plane_wave_error", "rotations_from_poses"),
+    "antennas.arrays": ("PlanarArray", "ula", "upa"),
+    "antennas.patterns": ("PatternTable",),
+    "antennas.per_element_links": ("per_element_links",),
+    "codebook": ("beam_gains", "best_beams", "dft_codebook", "normalized_gain"),
+    "path_solver.path_solver": ("PathSolver",),
+    "path_table": ("LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "rows_from_paths"),
+    "path_tracks": ("PathTracks", "tracks_from_paths", "tracks_from_table"),
+    "response": ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"),
+    "scene_paths": ("Paths",),
+}
+"""Module -> public names that it defines."""
+
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "LINK_COLUMNS",
-    "PATH_COLUMNS",
-    "CarrierPaths",
-    "PathTracks",
-    "PatternTable",
-    "PlanarArray",
-    "apply_arrays",
-    "beam_gains",
-    "best_beams",
-    "complex_gain",
-    "dft_codebook",
-    "frequency_response",
-    "impulse_response",
-    "normalized_gain",
-    "per_element_links",
-    "plane_wave_error",
-    "rotations_from_poses",
-    "rows_from_paths",
-    "subcarrier_frequencies",
-    "taps",
-    "tracks_from_paths",
-    "tracks_from_table",
-    "ula",
-    "upa",
+    "LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "PathSolver", "PathTracks", "Paths", "PatternTable", "PlanarArray",
+    "apply_arrays", "beam_gains", "best_beams", "complex_gain", "dft_codebook", "frequency_response",
+    "impulse_response", "normalized_gain", "per_element_links", "plane_wave_error", "rotations_from_poses",
+    "rows_from_paths", "subcarrier_frequencies", "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
 ]  # fmt: skip
-
-_MODULES = (
-    "antennas.patterns", "antennas.arrays", "codebook", "path_table", "antennas.array_response", "response",
-    "path_tracks", "antennas.per_element_links",
-)  # fmt: skip
-"""Modules that define them; each is imported only if none before it has the name."""
 
 
 def __getattr__(name: str) -> Any:
-    for module in _MODULES if name in __all__ else ():
-        names = vars(import_module(f"{__name__}.{module}"))
-        if name in names:
-            return names[name]
+    if name in _MODULE_OF:
+        return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -1,16 +1,20 @@
 """Make the rows of the tables of the radio channel."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import LINK_KINDS, Links
 from mmw.channel.paths import PATH_KINDS, PATH_LOS, PathSet
-from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, choices, names
+from mmw.scene.table_rows import Columns, choices
 
 
-def link_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> Columns:
-    """Return the `links` table: every link at every carrier, also those without a path."""
+def link_rows(agents: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
+    """Return the `links` table: every link at every carrier, also those without a path.
+
+    `agents` has the names that `tx_actor` and `rx_actor` of the links count.
+    """
     count, carriers = len(links), len(paths.carriers_hz)
     is_los = np.zeros(count, dtype=bool)
     is_los[paths.link[paths.kind == PATH_LOS]] = True
@@ -41,8 +45,8 @@ def link_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> 
 
     return {
         "frame": links.frame[link],
-        "agent": names(arrays, links.rx_actor[link]),
-        "peer": names(arrays, links.tx_actor[link]),
+        "agent": choices(agents, links.rx_actor[link]),
+        "peer": choices(agents, links.tx_actor[link]),
         "carrier_hz": paths.carriers_hz[carrier],
         "link": choices(LINK_KINDS, links.kind[link]),
         "path_count": paths.count[link],
@@ -54,8 +58,8 @@ def link_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> 
     }
 
 
-def path_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> Columns:
-    """Return the `paths` table: every path at every carrier."""
+def path_rows(agents: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
+    """Return the `paths` table: every path at every carrier; `agents` as for `link_rows`."""
     count, carriers = len(paths), len(paths.carriers_hz)
     path, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)
     link = paths.link[path]
@@ -76,8 +80,8 @@ def path_rows(arrays: SceneData, links: Links, paths: PathSet, weather: str) -> 
     }
     return {
         "frame": links.frame[link],
-        "agent": names(arrays, links.rx_actor[link]),
-        "peer": names(arrays, links.tx_actor[link]),
+        "agent": choices(agents, links.rx_actor[link]),
+        "peer": choices(agents, links.tx_actor[link]),
         "carrier_hz": paths.carriers_hz[carrier],
         "path": paths.index[path],
         "path_id": paths.path_id[path],

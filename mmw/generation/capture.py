@@ -88,7 +88,8 @@ def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int],
         materials = {weather: batch.arrays.materials[weather] for weather in collected}
         air = {weather: batch.weather(weather) for weather in collected}
         paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
+        agents = [actor.name for actor in batch.arrays.actors]
         for weather, tables in collected.items():
-            tables["links"].append(link_rows(batch.arrays, links, paths, weather))
-            tables["paths"].append(path_rows(batch.arrays, links, paths, weather))
+            tables["links"].append(link_rows(agents, links, paths, weather))
+            tables["paths"].append(path_rows(agents, links, paths, weather))
     batch.clock.rays["channel"] += launched_rays(links, config)

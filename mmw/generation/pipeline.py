@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from mmw.channel.path_solver.solver import check_channel_materials
@@ -52,7 +51,7 @@ def make_batch(
     surfaces = None
     if config.channel.enabled and with_channel:
         surfaces = make_surface_table(scene, wedges=config.channel.diffraction)
-        check_channel_materials(arrays.materials, np.unique(surfaces.material_id), config.channel)
+        check_channel_materials(arrays.materials, surfaces.used_materials, config.channel)
     return Batch(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, timer)
 
 

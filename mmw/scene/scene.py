@@ -19,7 +19,7 @@ from mmw.scene.object_handle import ObjectHandle
 from mmw.scene.radio_devices import RadioDevice, Receiver, Transmitter, finite_vector, unit_quaternion
 from mmw.scene.ray_casting import RayHits, cast_rays, ray_arrays
 from mmw.scene.scene_data import SceneData
-from mmw.scene.scene_devices import SceneDevices, antenna_states
+from mmw.scene.scene_devices import SceneDevices, antenna_states, device_actor
 from mmw.scene.scene_edits import check_mesh
 from mmw.scene.scene_state import SceneState
 from mmw.usd.semantics import CARLA_TAG
@@ -276,6 +276,14 @@ class Scene:
         state = self.antenna_states([device])
         return state.position[0], state.rotation[0], state.velocity[0]
 
+    def device_actor(self, device: RadioDevice) -> int:
+        """Return the index of the actor that carries a device, -1 for none.
+
+        Raises:
+            InputError: If the actor is not in the scene, or absent in the current frame.
+        """
+        return device_actor(self._state, device)
+
     # --- computing ----------------------------------------------------------------------------------------------------
 
     @property
@@ -297,6 +305,11 @@ class Scene:
     def scenario(self) -> str:
         """Name of the scenario, for the random numbers of sensors."""
         return self.name
+
+    @property
+    def version(self) -> int:
+        """Number that grows with every change of a pose or a mesh."""
+        return self._state.version
 
     def cached(self, key: Any, make: Callable[[], Item]) -> Item:
         """Return a value that is made once and kept until a mesh changes, or which materials are slabs or rough."""

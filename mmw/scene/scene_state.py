@@ -31,6 +31,7 @@ class SceneState:
         device: Warp device.
         cache: What sensors keep between captures; emptied when a mesh changes.
         removed: Ids of the objects that were taken out.
+        version: Grows with every change of a pose or a mesh: paths that were traced before are out of date.
     """
 
     def __init__(
@@ -44,6 +45,7 @@ class SceneState:
         self.name, self.weathers, self.device = name, dict(weathers), choose_device(device)
         self.cache: dict[Any, Any] = {}
         self.removed: set[int] = set()
+        self.version = 0
         self._data: SceneData | None = data
         self._files = files  # a temporary folder with textures, which lives as long as this
         self._kept: dict[Any, Any] = {}
@@ -151,6 +153,7 @@ class SceneState:
         return self._kept[key]
 
     def _poses_changed(self) -> None:
+        self.version += 1
         self._arrays, self._is_loaded = None, False
 
     def _meshes_changed(self, data: SceneData) -> None:
@@ -264,9 +267,9 @@ class SceneState:
                 row[number] = replace(row[number], radio=change(row[number].radio))
             tables[name] = tuple(row)
         before, self._data = _kinds(self.data), replace(self.data, materials=tables)
+        self._arrays, self._is_loaded = None, False
         if _kinds(self.data) != before:
             self._kept.clear()
-        self._poses_changed()
 
     def _material_id(self, where: str, name: str) -> int:
         names = [material.name for material in self.materials_by_id()]

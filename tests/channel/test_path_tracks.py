@@ -45,8 +45,8 @@ def trace(arrays: SceneData, device: str) -> tuple[Links, PathSet]:
 
 def both_tables(arrays: SceneData, links: Links, paths: PathSet) -> tuple[pa.Table, pa.Table]:
     """Return rows of the tables `paths` and `links`, as a run writes them."""
-    tables = []
-    for columns in (path_rows(arrays, links, paths, "sunny"), link_rows(arrays, links, paths, "sunny")):
+    tables, agents = [], [actor.name for actor in arrays.actors]
+    for columns in (path_rows(agents, links, paths, "sunny"), link_rows(agents, links, paths, "sunny")):
         count = len(columns["frame"])
         tables.append(pa.table({"scenario": ["town"] * count, "weather": ["sunny"] * count, **columns}))
     return tables[0], tables[1]

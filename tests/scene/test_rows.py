@@ -11,8 +11,13 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import conjugate, pose_from_ypr, rotate
 from mmw.scene.rows import frame_rows, pose_rows
+from mmw.scene.scene_data import SceneData
 from tests.fixtures.scenes import arrays_from_parts, pose, two_cars, wall_part
 from tests.oracles.channel import link_scene, solve
+
+
+def agents_of(arrays: SceneData) -> list[str]:
+    return [actor.name for actor in arrays.actors]
 
 
 def test_times_are_the_nearest_numbers_to_their_decimals() -> None:
@@ -24,7 +29,7 @@ def test_link_statistics_are_those_of_their_paths() -> None:
     arrays = two_cars(3)
     config = ChannelConfig(candidates="exhaustive", links=("v2i",))
     links, paths = solve(arrays, config, "cpu", [1, 2])
-    rows, each = link_rows(arrays, links, paths, "sunny"), path_rows(arrays, links, paths, "sunny")
+    rows, each = (make(agents_of(arrays), links, paths, "sunny") for make in (link_rows, path_rows))
     assert rows["frame"].tolist() == [1, 1, 2, 2] and rows["carrier_hz"].tolist() == [28e9, 4.9e9] * 2
     for k in range(4):
         own = (each["frame"] == rows["frame"][k]) & (each["carrier_hz"] == rows["carrier_hz"][k])
@@ -43,7 +48,7 @@ def test_link_statistics_are_those_of_their_paths() -> None:
 
 def test_link_without_power_has_no_statistics() -> None:
     arrays = link_scene([wall_part("wall", (0.0, -500.0), (0.0, 500.0), 300.0)], (-10, 0), (10, 0))
-    rows = link_rows(arrays, *solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu"), "sunny")
+    rows = link_rows(agents_of(arrays), *solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu"), "sunny")
     assert rows["path_count"].tolist() == [0, 0] and rows["is_los"].tolist() == [False, False]
     for name in ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz"):
         assert rows[name].null_count == 2
@@ -54,7 +59,7 @@ def test_angles_and_doppler_of_the_line_of_sight() -> None:
     poses = np.array([[pose(0, 0), pose(30 + 0.2 * k, 30)] for k in range(5)])
     arrays = arrays_from_parts([], actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], poses=poses)
     config = ChannelConfig(max_depth=0, antenna_position_m={"cav": (0, 0, 1.5), "rsu": (0, 0, 5.0)})
-    rows = path_rows(arrays, *solve(arrays, config, "cpu", [2]), "sunny")
+    rows = path_rows(agents_of(arrays), *solve(arrays, config, "cpu", [2]), "sunny")
     away = np.array([30.4, 30.0, -3.5])
     length = np.linalg.norm(away)
     np.testing.assert_allclose(rows["tau_s"], length / SPEED_OF_LIGHT, rtol=1e-14)

@@ -1,9 +1,11 @@
 """Solve the paths of every link of a batch, with gains for all weathers and carriers of one trace."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.channel.antennas.link_elements import LinkElements
 from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.links import Links
 from mmw.channel.path_solver.image_method import trace_paths
@@ -50,6 +52,114 @@ def check_channel_materials(
             raise InputError(f"channel.carriers_hz, weather {weather}: {error}") from None
 
 
+@dataclass(frozen=True)
+class Trace:
+    """Geometry of the paths of links, from which gains follow for any materials, carriers, antennas and air."""
+
+    search: Search
+    """Search for the links that were traced; its `links` are those."""
+    found: TracedPaths
+    geometry: PathGeometry
+    interactions: Interactions
+    range_rate: np.ndarray
+    """Rate of change of each path's length [m/s], shape [P]."""
+    links: Links
+    """All links, those that are the reverse of a traced one too."""
+    traced: np.ndarray
+    """Rows of `links` that were traced, shape [T]."""
+    reverse_of: np.ndarray
+    """Row of the traced link that each link is the reverse of, -1 for none, shape [L]."""
+
+
+def trace_links(
+    scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable, *, is_reciprocal: bool = True
+) -> Trace:
+    """Return the geometry of the paths of links. Neither the batch nor the device changes the set of paths.
+
+    Args:
+        scene: The scene with the batch of the links loaded.
+        links: Links whose frames are loaded.
+        config: Rays, candidate mode, depth and interactions.
+        table: Surfaces of the scene.
+        is_reciprocal: Whether a link and its reverse may share one trace; not with different antennas at both ends.
+
+    Raises:
+        InputError: If there are too many candidates.
+        ValueError: If a link's frame is not at its batch index, or the table lacks wedges that diffraction needs.
+    """
+    scene.check_loaded("link", links.batch_index, links.frame)
+    if config.diffraction and not table.has_wedges:
+        raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
+    traced, reverse_of = np.arange(len(links)), np.full(len(links), -1)
+    if is_reciprocal and config.is_reciprocal:
+        traced, reverse_of = unique_links(links)
+    is_whole = len(traced) == len(links)
+    is_pair = np.zeros(len(traced), dtype=bool)
+    is_pair[reverse_of[reverse_of >= 0]] = True
+    search = Search(scene, links if is_whole else links.take(traced), config, table)
+    found = trace_paths(search, None if is_whole else is_pair)
+    geometry, interactions = _geometry(search, found)
+    if config.diffraction and not config.diffraction_lit_region:
+        keep = np.ones(len(found), dtype=bool)
+        keep[interactions.wedges.path[is_lit(geometry, interactions.wedges)]] = False
+        found = found.take(np.nonzero(keep)[0])
+        geometry, interactions = _geometry(search, found)
+    range_rate = _range_rate(search, found, geometry)
+    return Trace(search, found, geometry, interactions, range_rate, links, traced, reverse_of)
+
+
+def path_gains(
+    trace: Trace,
+    config: ChannelConfig,
+    materials: dict[str, tuple[Material, ...]],
+    air: Mapping[str, Weather] | None = None,
+    elements: LinkElements | None = None,
+    *,
+    diffraction_model: DiffractionModel = "utd",
+) -> PathSet:
+    """Return traced paths with their gains for every weather and carrier.
+
+    Args:
+        trace: The traced links.
+        config: Carriers, and pattern and polarization of antennas that `elements` does not give.
+        materials: Weather -> materials by id, for the weathers that are wanted.
+        air: Weather -> state of the air; a weather that is not there has air without losses.
+        elements: Antenna elements at both ends of each of `trace.links`.
+        diffraction_model: Field of a wedge; `sionna` is for comparisons with Sionna RT.
+
+    Raises:
+        InputError: If a material has no permittivity at a carrier.
+    """
+    search, found, geometry = trace.search, trace.found, trace.geometry
+    links, table = search.links, search.table
+    check_channel_materials(materials, table.used_materials, config)
+    is_whole = len(trace.traced) == len(trace.links)
+    own = elements if elements is None or is_whole else elements.take(trace.traced)
+    transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
+    is_there = found.kind != 0
+    paths = PathSet(
+        carriers_hz=np.array(config.carriers_hz),
+        link=found.link,
+        path_id=_path_ids(links, found),
+        kind=path_kinds(found.kind),
+        order=found.order.astype(np.int8),
+        interaction=found.kind.astype(np.int8),
+        surface=found.surface,
+        object_id=_gather(table.object_id, _faces(found, table), is_there),
+        material_id=trace.interactions.material_id,
+        vertex=found.vertex,
+        normal=found.normal,
+        tau=geometry.length / SPEED_OF_LIGHT,
+        **{name: getattr(geometry, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
+        range_rate=trace.range_rate,
+        count=np.bincount(found.link, minlength=len(links)).astype(np.int32),
+        transfer=transfer,
+        a=a,
+        loss_db=loss_db,
+    )
+    return paths if is_whole else add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of)
+
+
 def solve_paths(
     scene: DeviceScene,
     links: Links,
@@ -60,10 +170,9 @@ def solve_paths(
     *,
     diffraction_model: DiffractionModel = "utd",
 ) -> PathSet:
-    """Return the paths of the links, for every weather and carrier.
+    """Return the paths of the links, for every weather and carrier: `trace_links`, then `path_gains`.
 
-    Geometry is found once: weather only changes materials and air, and a link and its reverse share it. Neither the
-    batch nor the device changes the set of paths.
+    Geometry is found once: weather only changes materials and air, and a link and its reverse share it.
 
     Args:
         scene: The scene with the batch of the links loaded.
@@ -78,24 +187,16 @@ def solve_paths(
         The paths, sorted by (link, order, kinds, surfaces).
 
     Raises:
-        InputError: If a material has no permittivity at a carrier, a link's frame is not at its batch index, or
-            the table lacks wedges that diffraction needs.
+        InputError: If a material has no permittivity at a carrier, or there are too many candidates.
+        ValueError: If a link's frame is not at its batch index, or the table lacks wedges that diffraction needs.
 
     Source: image method with ray-launched candidates; frequencies and angles as in `docs/concepts/channel.md`.
     """
-    scene.check_loaded("link", links.batch_index, links.frame)
     if table is None:
         table = make_surface_table(scene, wedges=config.diffraction)
-    if config.diffraction and not table.has_wedges:
-        raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
-    check_channel_materials(materials, np.unique(table.material_id), config)
-    traced, reverse_of = unique_links(links) if config.is_reciprocal else (np.arange(len(links)), np.zeros(0))
-    if len(traced) == len(links):
-        return _solve(Search(scene, links, config, table), materials, air, diffraction_model)
-    is_pair = np.zeros(len(traced), dtype=bool)
-    is_pair[reverse_of[reverse_of >= 0]] = True
-    paths = _solve(Search(scene, links.take(traced), config, table), materials, air, diffraction_model, is_pair)
-    return add_reversed_links(paths, links, traced, reverse_of)
+    check_channel_materials(materials, table.used_materials, config)
+    trace = trace_links(scene, links, config, table)
+    return path_gains(trace, config, materials, air, diffraction_model=diffraction_model)
 
 
 def launched_rays(links: Links, config: ChannelConfig) -> int:
@@ -116,46 +217,6 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
     return sum(
         len(np.unique(ends[rows], axis=0)) * rays
         for rows, rays in ((~is_pair, config.samples_per_tx), (is_pair, config.samples_per_tx // 2))
-    )
-
-
-def _solve(
-    search: Search,
-    materials: dict[str, tuple[Material, ...]],
-    air: Mapping[str, Weather] | None,
-    diffraction_model: DiffractionModel,
-    is_pair: np.ndarray | None = None,
-) -> PathSet:
-    """Return the paths of links of which none is the reverse of another; those of `is_pair` stand for both."""
-    links, config, table = search.links, search.config, search.table
-    found = trace_paths(search, is_pair)
-    geometry, interactions = _geometry(search, found)
-    if config.diffraction and not config.diffraction_lit_region:
-        keep = np.ones(len(found), dtype=bool)
-        keep[interactions.wedges.path[is_lit(geometry, interactions.wedges)]] = False
-        found = found.take(np.nonzero(keep)[0])
-        geometry, interactions = _geometry(search, found)
-    transfer, a, loss_db = _gains(search, materials, air, diffraction_model, found, geometry, interactions)
-    is_there = found.kind != 0
-    return PathSet(
-        carriers_hz=np.array(config.carriers_hz),
-        link=found.link,
-        path_id=_path_ids(links, found),
-        kind=path_kinds(found.kind),
-        order=found.order.astype(np.int8),
-        interaction=found.kind.astype(np.int8),
-        surface=found.surface,
-        object_id=_gather(table.object_id, _faces(found, table), is_there),
-        material_id=interactions.material_id,
-        vertex=found.vertex,
-        normal=found.normal,
-        tau=geometry.length / SPEED_OF_LIGHT,
-        **{name: getattr(geometry, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
-        range_rate=_range_rate(search, found, geometry),
-        count=np.bincount(found.link, minlength=len(links)).astype(np.int32),
-        transfer=transfer,
-        a=a,
-        loss_db=loss_db,
     )
 
 
@@ -219,18 +280,21 @@ def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
 
 
 def _gains(
-    search: Search,
+    trace: Trace,
+    config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
     air: Mapping[str, Weather] | None,
+    elements: LinkElements | None,
     diffraction_model: DiffractionModel,
-    found: TracedPaths,
-    geometry: PathGeometry,
-    interactions: Interactions,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
     """Return transfer [P, C, 2, 2], coefficient [P, C] and losses of the air [P, C] of every weather."""
-    links, config = search.links, search.config
-    tx_field = antenna_field(geometry.departure, links.tx.rotation[found.link], config.pattern, config.polarization)
-    rx_field = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
+    links, found, geometry, interactions = trace.search.links, trace.found, trace.geometry, trace.interactions
+    if elements is None:
+        tx_field = antenna_field(geometry.departure, links.tx.rotation[found.link], config.pattern, config.polarization)
+        rx_field = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
+    else:
+        tx_field = elements.tx.field(geometry.departure, links.tx.rotation, found.link)
+        rx_field = elements.rx.field(geometry.arrival, links.rx.rotation, found.link)
     elevation = np.pi / 2 - geometry.theta_t
     tilt = 0.0 if config.polarization == "H" else np.pi / 2
     transfer, a, loss_db = {}, {}, {}

@@ -1,6 +1,7 @@
 """Tabulate the flat surfaces of a scene: plane, box and triangles in float64, in the frame of their carrier."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -49,6 +50,11 @@ class SurfaceTable:
 
     def __len__(self) -> int:
         return len(self.owner)
+
+    @cached_property
+    def used_materials(self) -> np.ndarray:
+        """Material ids that some surface has, sorted."""
+        return np.unique(self.material_id)
 
 
 def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:

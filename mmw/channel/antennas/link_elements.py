@@ -1,0 +1,80 @@
+"""Describe the antenna elements at both ends of links, where they differ from link to link."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.antennas.patterns import antenna_field
+
+
+@dataclass(frozen=True)
+class EndElements:
+    """Elements at one end of L links."""
+
+    arrays: tuple[PlanarArray, ...]
+    """Arrays whose elements they are."""
+    index: np.ndarray
+    """Array of each link's end, shape [L], int32."""
+
+    def field(self, direction: np.ndarray, rotation: np.ndarray, link: np.ndarray) -> np.ndarray:
+        """Return the far field of the element of the first polarization, at the phase center.
+
+        Args:
+            direction: Unit directions away from the antenna, world frame, shape [P, 3].
+            rotation: Device-to-world rotation of every link's end, shape [L, 3, 3].
+            link: Link of each path, shape [P].
+
+        Returns:
+            Components (theta, phi) in the world's basis, shape [P, 1, 2].
+        """
+        used = np.unique(self.index[link]) if len(self.arrays) > 1 else np.zeros(min(len(link), 1), dtype=np.int64)
+        parts = []
+        for number in used:
+            rows = np.flatnonzero(self.index[link] == number)
+            array, turn = self.arrays[number], rotation[link[rows]]
+            if not is_level(array):
+                turn = turn @ array.rotation
+            parts.append(
+                (
+                    rows,
+                    antenna_field(direction[rows], turn, array.pattern, array.polarization, array.polarization_model),
+                )
+            )
+        kind = np.result_type(np.float64, *(part.dtype for _, part in parts))
+        field = np.zeros((len(link), 1, 2), dtype=kind)
+        for rows, part in parts:
+            field[rows] = part[:, :1]
+        return field
+
+
+@dataclass(frozen=True)
+class LinkElements:
+    """Elements at both ends of L links."""
+
+    tx: EndElements
+    rx: EndElements
+
+    @property
+    def is_uniform(self) -> bool:
+        """True if all elements of both ends are equal, so that a link and its reverse have one coefficient."""
+        first, *others = (*self.tx.arrays, *self.rx.arrays)
+        return all(same_element(first, other) for other in others)
+
+    def take(self, rows: np.ndarray) -> "LinkElements":
+        """Return those of some links."""
+        return LinkElements(*(replace(end, index=end.index[rows]) for end in (self.tx, self.rx)))
+
+
+def is_level(array: PlanarArray) -> bool:
+    """Return whether the axes of an array are those of its device."""
+    return not any(array.orientation[:3])
+
+
+def same_element(one: PlanarArray, other: PlanarArray) -> bool:
+    """Return whether two arrays are known to have equal elements: of own patterns only if they are one object."""
+    if one is other:
+        return True
+    keys = ("pattern", "polarization", "polarization_model", "orientation")
+    named = isinstance(one.pattern, str) and isinstance(other.pattern, str)
+    return named and all(getattr(one, key) == getattr(other, key) for key in keys)
