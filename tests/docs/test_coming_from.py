@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import mmw
+from mmw.__main__ import main
 from tests.fixtures.doc_pages import ROOT, run_page
 from tests.fixtures.side_by_side import Task, count_lines, tasks_of
 from tests.fixtures.small_dataset import small_dataset
@@ -113,3 +114,82 @@ def test_single_paths_are_those_of_sionna_rt(number: int, street: Path, numbers:
     weakest = 1e-4 * np.abs(a).max()  # a field near a null of a pattern is small, its error is not
     assert (difference <= (GAIN + phase)[:, None] * (np.abs(a[..., ours, :]) + weakest)).all()
     assert (np.abs(a) > 10.0 * weakest).mean() > 0.5
+
+
+@pytest.mark.slow
+def test_the_radio_map_is_that_of_sionna_rt(street: Path, numbers: dict[str, np.ndarray]) -> None:
+    """Both throw 1e7 rays: a cell of 4 m has 0.3 dB of their noise where it is weak, all cells together 0.001 dB."""
+    radio_map = run(TASKS[3], street)["radio_map"]
+    ours, theirs = radio_map.as_grid(radio_map.rss_dbm), numbers["3/rss_dbm"]
+    centers = numbers["3/cell_centers"]
+    assert np.array_equal(radio_map.as_grid(radio_map.cell_centers.T), np.moveaxis(centers, -1, 0))
+    strong = theirs > -70.0
+    assert strong.sum() > 300
+    np.testing.assert_allclose(ours[strong], theirs[strong], rtol=0.0, atol=0.5)
+    total = [10.0 * np.log10((10.0 ** (np.where(np.isfinite(rss), rss, -300.0) / 10.0)).sum()) for rss in (ours, theirs)]
+    assert total[0] == pytest.approx(total[1], abs=0.01)
+
+
+def test_the_table_of_paths_is_that_of_sionna_rt(street: Path, numbers: dict[str, np.ndarray]) -> None:
+    table = run(TASKS[9], street)["table"]
+    assert list(table.columns) == ["tau", "gain_db"]
+    got, wanted = table.to_numpy(), numbers["9/table"]
+    np.testing.assert_allclose(got[:, 0], wanted[:, 0], rtol=ROUNDINGS * 2.0**-24)
+    np.testing.assert_allclose(got[:, 1], wanted[:, 1], rtol=0.0, atol=0.01)  # the weakest is 19 dB below the first
+
+
+def test_two_carriers_of_one_trace_are_two_runs_of_sionna_rt(street: Path, numbers: dict[str, np.ndarray]) -> None:
+    names = run(TASKS[7], street)
+    wanted = numbers["7/h"]
+    assert np.shape(names["h"]) == wanted.shape == (2, 1, 1, 1, 1, 1, 1)
+    np.testing.assert_allclose(names["h"], wanted, rtol=0.0, atol=tolerance(names["paths"]))
+    assert np.abs(wanted).min() > 5.0 * tolerance(names["paths"])
+
+
+def test_a_lidar_frame_sees_the_street(street: Path) -> None:
+    names = run(TASKS[11], street)
+    cloud, objects = names["cloud"], names["scene"].objects
+    seen = set(cloud.object_id.tolist())
+    assert {objects["car"].object_id, objects["ground"].object_id, objects["house_3"].object_id} <= seen
+    on_ground = cloud.xyz[cloud.object_id == objects["ground"].object_id]
+    assert len(on_ground) > 1000 and np.abs(on_ground[:, 2] + 1.9).max() < 0.1  # the sensor is 1.9 m high
+
+
+def test_channels_for_sionna_phy_have_its_shapes(street: Path) -> None:
+    """The protocol of `CIRDataset`: equal shapes, finite delays, no power where there is no path."""
+    names = run(TASKS[12], street)
+    samples = list(names["channels"]())
+    assert len(samples) > 3
+    for a, tau in samples:
+        assert a.shape == (1, 1, 1, 4, 16, 14) and tau.shape == (1, 1, 16) and np.isfinite(tau).all()
+        assert np.array_equal(np.abs(a[0, 0, 0]).max(axis=(0, 2)) > 0.0, tau[0, 0] >= 0.0)
+
+
+def test_deepmimo_gives_what_the_page_says(tmp_path: Path) -> None:
+    pytest.importorskip("deepmimo", reason="DeepMIMO is not installed; pip install deepmimo==4.0.5")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "quickstart").symlink_to(small_dataset())
+    command = "out/quickstart out/deepmimo weather=sunny pattern=stored"
+    assert f"mmw export deepmimo {command}\n" in DEEPMIMO_PAGE.read_text()
+    with contextlib.chdir(tmp_path):
+        assert main(["export", "deepmimo", *command.split()]) == 0
+    for task in tasks_of(DEEPMIMO_PAGE):
+        theirs: dict = {"__name__": "__main__"}
+        with contextlib.chdir(tmp_path / "out" / "deepmimo"):
+            exec(compile(task.other, f"task {task.number}", "exec"), theirs)
+        ours = run(task, tmp_path)
+        if "h" in ours:
+            wanted = theirs["h"] * 8.0  # the square root of 64 subcarriers
+            wanted = np.moveaxis(wanted, 3, -1)  # subcarriers last
+            assert np.abs(ours["h"] - wanted).max() < 5e-6 * np.abs(wanted).max()
+        if "loss_db" in ours:
+            np.testing.assert_allclose(ours["loss_db"], theirs["loss_db"], rtol=0.0, atol=1e-4)
+        if "table" in ours:
+            np.testing.assert_allclose(ours["table"].to_numpy(), theirs["table"].to_numpy(), rtol=1e-6)
+        assert {"h", "loss_db", "table"} & set(ours)
+
+
+@pytest.mark.slow
+def test_the_page_for_users_of_carla_runs(tmp_path: Path) -> None:
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    run_page(CARLA_PAGE, tmp_path)
