@@ -11,20 +11,22 @@ from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 if TYPE_CHECKING:
-    from mmw.channel import Paths, PathSolver, PlanarArray
+    from mmw.channel import Paths, PathSolver, PlanarArray, RadioMap, RadioMapSolver
     from mmw.config import Config, load_config
     from mmw.core.errors import Error, InputError
     from mmw.dataset import Dataset, Frame, connect, open_dataset
     from mmw.dataset import open_dataset as open  # noqa: F401 - the short name
+    from mmw.generation.run_config import generate
+    from mmw.generation.simulation import Simulation
     from mmw.physics.materials.material import RadioMaterial
     from mmw.physics.weather.weather import Weather
     from mmw.scene import Receiver, Scene, Transmitter, load_scene
     from mmw.sensors import register_sensor
 
 __all__ = [
-    "Config", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMaterial",
-    "Receiver", "Scene", "Transmitter", "Weather", "connect", "load_config", "load_scene", "open_dataset",
-    "register_sensor",
+    "Config", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMap",
+    "RadioMapSolver", "RadioMaterial", "Receiver", "Scene", "Simulation", "Transmitter", "Weather", "connect",
+    "generate", "load_config", "load_scene", "open_dataset", "register_sensor",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
@@ -38,10 +40,12 @@ if (_root / "pyproject.toml").is_file():
 
 
 _HOME = {
-    **dict.fromkeys(("PathSolver", "Paths", "PlanarArray"), "mmw.channel"),
+    **dict.fromkeys(("PathSolver", "Paths", "PlanarArray", "RadioMap", "RadioMapSolver"), "mmw.channel"),
     **dict.fromkeys(("Config", "load_config"), "mmw.config"),
     **dict.fromkeys(("Error", "InputError"), "mmw.core.errors"),
     **dict.fromkeys(("Dataset", "Frame", "connect", "open_dataset"), "mmw.dataset"),
+    "Simulation": "mmw.generation.simulation",
+    "generate": "mmw.generation.run_config",
     "RadioMaterial": "mmw.physics.materials.material",
     "Weather": "mmw.physics.weather.weather",
     **dict.fromkeys(("Receiver", "Scene", "Transmitter", "load_scene"), "mmw.scene"),

@@ -1,9 +1,12 @@
 """The configuration: one file in, one frozen, validated object out. Units are in every name or description."""
 
 from mmw.config.air import AirConfig
+from mmw.config.carla_weather import CarlaWeatherConfig
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
+from mmw.config.lens import LensConfig
 from mmw.config.load import load_config
+from mmw.config.material_map import MaterialEntry
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
@@ -13,7 +16,7 @@ from mmw.config.shipped import CONFIG_HELP, config_path
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
-    "CONFIG_HELP", "AirConfig", "AnySensor", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
-    "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig", "TrafficConfig", "config_path",
-    "load_config",
+    "CONFIG_HELP", "AirConfig", "AnySensor", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config",
+    "ConfigError", "FramesConfig", "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig",
+    "ScenarioConfig", "SensorConfig", "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

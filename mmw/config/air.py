@@ -98,4 +98,4 @@ def resolve_air(air: dict[str, AirConfig], weathers: tuple[str, ...]) -> dict[st
     for name in air:
         if name not in weathers and name not in PRESETS:
             raise InputError(f"{name!r} is described, but weathers = {list(weathers)}; add it there, or remove it here")
-    return {name: AirConfig(**asdict(air.get(name, AirConfig()).weather(name))) for name in weathers}
+    return {name: AirConfig.model_validate(asdict(air.get(name, AirConfig()).weather(name))) for name in weathers}

@@ -43,7 +43,7 @@ class CarlaWeatherConfig(Section):
 
 
 def _named(value: Any) -> Any:
-    return CarlaWeatherConfig(**carla_preset(value)) if isinstance(value, str) else value
+    return CarlaWeatherConfig.model_validate(carla_preset(value)) if isinstance(value, str) else value
 
 
 CarlaWeather = Annotated[

@@ -2,18 +2,18 @@
 
 from pydantic import Field
 
-from mmw.config.section import Section
+from mmw.config.section import PathText, Section
 
 
 class OutputConfig(Section):
     """The dataset folder and its shards."""
 
-    dir: str = Field(
+    dir: PathText = Field(
         "out/dataset",
         description="dataset folder, relative to the working directory, or s3://bucket/folder; `--out` replaces it "
         "(path)",
     )
-    staging: str | None = Field(
+    staging: PathText | None = Field(
         None,
         description="folder on this machine for what is on its way to a store; in the user's cache if absent (path)",
     )

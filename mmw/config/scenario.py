@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from mmw.config.material_map import MaterialEntry
-from mmw.config.section import InputFile, InputPath, Name, PrimName, Section, Vec3
+from mmw.config.section import InputFile, InputPath, Name, PathText, PrimName, Section, Vec3
 from mmw.config.traffic_engine import ENGINE_KEYS, ENGINES, engine_spec
 from mmw.core.errors import InputError
 
@@ -112,7 +112,7 @@ class ScenarioConfig(Section):
     """One scenario: either a shipped town with generated traffic, or an animated USD stage of the user's own."""
 
     name: Name = Field(description="the `scenario` key of every row (name)")
-    town: Annotated[str, InputFile(TOWN_SUFFIXES)] | None = Field(
+    town: Annotated[PathText, InputFile(TOWN_SUFFIXES)] | None = Field(
         None, description="a shipped town, such as `town03`, or the path of a town asset (name or path)"
     )
     stage: InputPath | None = Field(

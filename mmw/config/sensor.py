@@ -86,9 +86,12 @@ class SensorConfig(Section):
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
     def mount_on(self, role: str) -> MountConfig:
-        """Return the mount for a role; the agent's origin where the file gives none."""
+        """Return the mount for the role of an actor; the actor's origin where the sensor has none.
+
+        A vehicle or a pedestrian that is no agent carries a sensor where a CAV does.
+        """
         mounts: dict[str, MountConfig] = {**self.mount}
-        return mounts.get(role, MountConfig())
+        return mounts.get("cav" if role in ("vehicle", "pedestrian") else role, MountConfig())
 
     @property
     def period_frames(self) -> int:

@@ -16,7 +16,7 @@ EXTRA_OF = {
     "duckdb": "query", "pandas": "query",
     "matplotlib": "plot",
     "torch": "torch", "transformers": "torch",
-    "rerun": "viz",
+    "rerun": "viz", "rerun_notebook": "viz",
     "libsumo": "sumo",
     "ray": "ray",
 }  # fmt: skip

@@ -1,10 +1,9 @@
 """Read the tables of a dataset as Arrow, pandas and NumPy; a filter skips folders and row groups."""
 
-import operator
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import unquote
@@ -20,6 +19,7 @@ from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.files import damage_of, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
+from mmw.dataset.table_reader import check_columns, row_filter
 from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem, version_number
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
@@ -152,13 +152,10 @@ class Dataset:
             InputError: If the table or a column is not known or has no file, or a file is damaged, which is named.
         """
         given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
-        self._check_columns(table, [*(columns or ()), *(name for name, value in given.items() if value is not None)])
-        conditions = [pds.field(name) == value for name, value in given.items() if value is not None]
-        if frames is not None:
-            conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
-            if abs(frames.step) != 1:
-                conditions.append(pds.field("frame").isin(list(frames)))
-        expression = reduce(operator.and_, conditions) if conditions else None
+        given = {name: value for name, value in given.items() if value is not None}
+        # Those of the files, by the first; reading all of them is slow.
+        check_columns(self.root, table, self.arrow(table).schema.names, [*(columns or ()), *given])
+        expression = row_filter(given, frames)
         part = self._files(table, scenario, weather, frames)
         try:
             self._check_schemas(table, part, expression)
@@ -294,20 +291,6 @@ class Dataset:
         except InputError as found:
             return found
         return damage_of(self.root, self.spec(table), self.filesystem, paths, error)
-
-    def _check_columns(self, table: str, names: Sequence[str]) -> None:
-        """Check that the files of a table, by the first, have columns; reading all of them is slow.
-
-        Raises:
-            InputError: If one is missing.
-        """
-        known = self.arrow(table).schema.names
-        missing = [name for name in names if name not in known]
-        if not missing:
-            return
-        raise InputError(
-            f"{self.root}: table {table!r}: has no column {', '.join(missing)}; it has {', '.join(known)}; name these"
-        )
 
 
 Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]

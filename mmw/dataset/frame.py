@@ -1,10 +1,10 @@
-"""Read one frame of a dataset: agents with their samples, boxes and radio links, decoded at their first use."""
+"""Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,7 @@ from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
 from mmw.dataset.column_arrays import arrays_of, values_of
+from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
     decode_flow,
     decode_instance,
@@ -25,9 +26,6 @@ from mmw.storage.codecs.images import (
     decode_semantic,
 )
 from mmw.storage.parquet_schema import arrow_schema
-
-if TYPE_CHECKING:
-    from mmw.dataset.dataset import Dataset
 
 Row = dict[str, Any]
 
@@ -239,7 +237,8 @@ class Agent:
 class Frame:
     """One frame of one scenario in one weather. Tables are read at their first use and stay with the frame."""
 
-    data: "Dataset"
+    data: TableReader
+    """The dataset, or the tables of a simulated frame."""
     scenario: str
     weather: str
     frame: int

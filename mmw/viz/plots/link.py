@@ -10,7 +10,6 @@ from mmw.channel.codebook import BeamPairs
 from mmw.channel.path_table import CarrierPaths
 from mmw.core.constants import FRAME_DT
 from mmw.dataset import BeamSearch, Dataset
-from mmw.dataset.frame import Link
 from mmw.viz.plots.paths import choose_carrier, find_link, gains_db
 from mmw.viz.plots.style import (
     BLUE,
@@ -141,9 +140,14 @@ def plot_link(
     axes[-1].set_xlabel("time [s]")
     left.align_ylabels(axes)
     grid = right.add_gridspec(2, 2)
-    _draw_profile(right.add_subplot(grid[0, :]), link, at)
-    for column, side in enumerate(("aod", "aoa")):
-        _draw_angles(right.add_subplot(grid[1, column], projection="polar"), link, side)
+    gain, kind = gains_db(link.a), link.paths["kind"]
+    profile = right.add_subplot(grid[0, :])
+    profile.set_title(f"power-delay profile, frame {at}", fontsize="medium")
+    draw_profile(profile, link.paths["tau_s"], gain, kind)
+    for column, (side, end) in enumerate((("aod", f"departure from {tx}"), ("aoa", f"arrival at {rx}"))):
+        polar = right.add_subplot(grid[1, column], projection="polar")
+        polar.set_title(f"azimuth of {end}", fontsize="small", pad=10)
+        draw_angles(polar, link.paths[f"{side}_az"], gain, kind)
     canvas.suptitle(f"{tx} to {rx} at {carrier_hz / 1e9:g} GHz: {scenario}, {weather}", fontsize="large")
     return canvas
 
@@ -219,37 +223,47 @@ def _draw_beams(axes: Any, frame: np.ndarray, tx_beam: np.ndarray, rx_beam: np.n
     axes.legend(loc="best", fontsize="small", framealpha=0.9)
 
 
-def _draw_profile(axes: Any, link: Link, frame: int) -> None:
-    gain = gains_db(link)
-    axes.set_title(f"power-delay profile, frame {frame}", fontsize="medium")
+def draw_profile(axes: Any, tau_s: np.ndarray, gain_db: np.ndarray, kind: np.ndarray) -> None:
+    """Draw a power-delay profile.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        tau_s: Delay of each path [s], shape [P].
+        gain_db: Gain of each path [dB], shape [P].
+        kind: Kind of each path, a key of `KINDS`, shape [P].
+    """
     axes.set(xlabel="delay [ns]", ylabel="path gain |a|² [dB]")
     plain_axes(axes)
-    if not len(gain):
+    if not len(gain_db):
         axes.text(0.5, 0.5, "no path", transform=axes.transAxes, ha="center", color="0.4")
         return
-    floor = min(float(gain.min()) - 5.0, float(gain.max()) - SPAN_DB)
-    _draw_stems(axes, link, link.paths["tau_s"] * 1e9, gain, floor)
-    axes.set_ylim(floor, float(gain.max()) + 5.0)
+    floor = min(float(gain_db.min()) - 5.0, float(gain_db.max()) - SPAN_DB)
+    _draw_stems(axes, kind, np.asarray(tau_s) * 1e9, gain_db, floor)
+    axes.set_ylim(floor, float(gain_db.max()) + 5.0)
     axes.legend(loc="best", fontsize="small", framealpha=0.9)
 
 
-def _draw_stems(axes: Any, link: Link, along: np.ndarray, gain: np.ndarray, floor: float) -> None:
+def _draw_stems(axes: Any, kinds: np.ndarray, along: np.ndarray, gain_db: np.ndarray, floor: float) -> None:
     """Draw the gain of each path as a line up from a floor, with a mark for its kind."""
     for kind, (marker, color) in KINDS.items():
-        is_it = link.paths["kind"] == kind
+        is_it = kinds == kind
         if is_it.any():
-            axes.vlines(along[is_it], floor, gain[is_it], color=color, lw=1.2, zorder=2)
-            axes.plot(along[is_it], gain[is_it], ls="", marker=marker, color=color, label=kind, zorder=3)
+            axes.vlines(along[is_it], floor, gain_db[is_it], color=color, lw=1.2, zorder=2)
+            axes.plot(along[is_it], gain_db[is_it], ls="", marker=marker, color=color, label=kind, zorder=3)
 
 
-def _draw_angles(axes: Any, link: Link, side: str) -> None:
-    """Draw the azimuths of paths as a compass with east to the right; the farther out, the stronger."""
-    gain = gains_db(link)
-    end = f"departure from {link.peer}" if side == "aod" else f"arrival at {link.agent}"
-    axes.set_title(f"azimuth of {end}", fontsize="small", pad=10)
-    top = float(gain.max()) if len(gain) else 0.0
-    floor = min(float(gain.min(initial=top)) - 5.0, top - SPAN_DB)
-    _draw_stems(axes, link, link.paths[f"{side}_az"], gain, floor)
+def draw_angles(axes: Any, azimuth: np.ndarray, gain_db: np.ndarray, kind: np.ndarray) -> None:
+    """Draw the azimuths of paths as a compass with east to the right; the farther out, the stronger.
+
+    Args:
+        axes: Polar matplotlib axes to draw on.
+        azimuth: Azimuth of each path, counter-clockwise from east [rad], shape [P].
+        gain_db: Gain of each path [dB], shape [P].
+        kind: Kind of each path, a key of `KINDS`, shape [P].
+    """
+    top = float(gain_db.max()) if len(gain_db) else 0.0
+    floor = min(float(gain_db.min(initial=top)) - 5.0, top - SPAN_DB)
+    _draw_stems(axes, kind, azimuth, gain_db, floor)
     axes.set_ylim(floor, top + 3.0)
     axes.set_rlabel_position(112.5)
     last = math.floor(top / 10.0) * 10.0

@@ -188,14 +188,18 @@ def draw_paths_above(axes: Any, frame: Frame, link: Link, *, strongest: int | No
     lines = path_lines(frame, link)
     drawn = _draw(axes, link, [line[:, :2] for line in lines], strongest)
     ends = np.stack([frame.agents[name].sensor_pose(ANTENNA)[:2] for name in (link.peer, link.agent)])
-    _draw_ends(axes, ends, (link.peer, link.agent))
-    shown = np.concatenate([ends, *(line[:, :2] for line in lines)])
-    middle, half = (shown.min(axis=0) + shown.max(axis=0)) / 2.0, np.ptp(shown, axis=0) / 2.0 + MARGIN_M
+    _draw_both_ends(axes, ends, (link.peer, link.agent))
+    frame_map(axes, np.concatenate([ends, *(line[:, :2] for line in lines)]))
+    path_legend(axes, {int(kind) for kinds in link.paths["interactions"] for kind in kinds}, has_los=link.is_los)
+    return drawn
+
+
+def frame_map(axes: Any, points: np.ndarray) -> None:
+    """Set limits and labels of a map around points of the world [m], shape [N, 2], with `MARGIN_M` and `MAP_RATIO`."""
+    middle, half = (points.min(axis=0) + points.max(axis=0)) / 2.0, np.ptp(points, axis=0) / 2.0 + MARGIN_M
     half = np.maximum(half, half[::-1] * [MAP_RATIO, 1.0 / MAP_RATIO])
     low, high = middle - half, middle + half
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x east [m]", ylabel="y north [m]", aspect="equal")
-    _legend(axes, link)
-    return drawn
 
 
 def draw_paths_aside(axes: Any, frame: Frame, link: Link, *, strongest: int | None = None) -> Any:
@@ -211,7 +215,7 @@ def draw_paths_aside(axes: Any, frame: Frame, link: Link, *, strongest: int | No
         return np.stack([(points[:, :2] - ends[0, :2]) @ along, points[:, 2]], axis=1)
 
     drawn = _draw(axes, link, [side(line) for line in path_lines(frame, link)], strongest)
-    _draw_ends(axes, side(ends), ("", ""))
+    _draw_both_ends(axes, side(ends), ("", ""))
     axes.autoscale_view()
     axes.margins(0.04, 0.12)
     axes.set(xlabel=f"distance from {link.peer} towards {link.agent} [m]", ylabel="height z [m]")
@@ -220,57 +224,94 @@ def draw_paths_aside(axes: Any, frame: Frame, link: Link, *, strongest: int | No
 
 
 def _draw(axes: Any, link: Link, lines: list[np.ndarray], strongest: int | None) -> Any:
-    """Draw paths as lines with a mark at each interaction, the strongest on top."""
+    """Draw the paths of a link, or only so many of the strongest."""
+    order = np.argsort(gains_db(link.a), kind="stable")
+    order = order[max(len(order) - strongest, 0) :] if strongest is not None else order
+    interactions = link.paths["interactions"]
+    return draw_path_lines(
+        axes, [lines[path] for path in order], gains_db(link.a)[order], link.paths["order"][order] == 0,
+        [interactions[path] for path in order],
+    )  # fmt: skip
+
+
+def draw_path_lines(
+    axes: Any,
+    lines: Sequence[np.ndarray],
+    gain_db: np.ndarray,
+    is_los: np.ndarray,
+    interactions: Sequence[Sequence[int]],
+) -> Any:
+    """Draw paths as lines colored by gain with a mark at each interaction, the strongest on top.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        lines: Points of each path from transmitter to receiver, in the axes' coordinates [m], shape [2 + n, 2] each.
+        gain_db: Gain of each path [dB], shape [P].
+        is_los: True for the line of sight, shape [P].
+        interactions: Numbers in `PATH_MARKS` of the interactions of each path; another number has no mark.
+
+    Returns:
+        Mappable for a color bar; None without any path.
+    """
     from matplotlib.collections import LineCollection
 
-    gain_db = gains_db(link)
-    order = np.argsort(gain_db, kind="stable")
-    order = order[max(len(order) - strongest, 0) :] if strongest is not None else order
-    if not len(order):
+    if not len(lines):
         return None
-    top = float(gain_db[order].max())
-    low = max(float(gain_db[order].min()), top - SPAN_DB)
+    order = np.argsort(gain_db, kind="stable")
     drawn = LineCollection(
         [lines[path] for path in order], array=gain_db[order], cmap=gain_colors(), zorder=4,
-        linewidths=[2.6 if link.paths["order"][path] == 0 else 1.3 for path in order],
+        linewidths=[2.6 if is_los[path] else 1.3 for path in order],
     )  # fmt: skip
-    drawn.set_clim(low if low < top else top - 1.0, top)
+    drawn.set_clim(*gain_limits(gain_db))
     axes.add_collection(drawn)
     for marker, _, number in PATH_MARKS.values():
         points = [
-            lines[path][1 + step] for path in order for step, kind in enumerate(link.paths["interactions"][path])
-            if kind == number
-        ]  # fmt: skip
+            lines[path][1 + step] for path in order for step, kind in enumerate(interactions[path]) if kind == number
+        ]
         if points:
             style = {"c": "black"} if marker == "x" else {"c": "white", "edgecolors": "black"}
             axes.scatter(*np.array(points).T, s=22, marker=marker, linewidths=0.9, zorder=5, **style)
     return drawn
 
 
-def gains_db(link: Link) -> np.ndarray:
+def gain_limits(gain_db: np.ndarray) -> tuple[float, float]:
+    """Return the ends of the color scale of paths [dB]: the strongest, and the weakest within `SPAN_DB` of it."""
+    top = float(gain_db.max())
+    low = max(float(gain_db.min()), top - SPAN_DB)
+    return (low if low < top else top - 1.0), top
+
+
+def gains_db(a: np.ndarray) -> np.ndarray:
     """Return the gain of each path, 20 log10 |a| [dB], shape [P]."""
-    return 20.0 * np.log10(np.maximum(np.abs(link.a), 1e-30))
+    return 20.0 * np.log10(np.maximum(np.abs(a), 1e-30))
 
 
-def _draw_ends(axes: Any, ends: np.ndarray, names: tuple[str, str]) -> None:
-    for place, name, color, marker in zip(ends, names, (BLUE, ORANGE), ("^", "o"), strict=True):
-        axes.scatter(*place, s=90, marker=marker, c=color, edgecolors="black", linewidths=1.0, zorder=6)
-        if name:
-            label_place(axes, name, place, 8.0)
+def _draw_both_ends(axes: Any, ends: np.ndarray, names: tuple[str, str]) -> None:
+    for place, name, is_tx in zip(ends, names, (True, False), strict=True):
+        draw_end(axes, place, name, is_tx=is_tx)
 
 
-def _legend(axes: Any, link: Link) -> None:
+def draw_end(axes: Any, place: np.ndarray, name: str, *, is_tx: bool) -> None:
+    """Draw a transmitter or receiver at a place in the axes' coordinates, shape [2], with its name unless empty."""
+    color, marker = (BLUE, "^") if is_tx else (ORANGE, "o")
+    axes.scatter(*place, s=90, marker=marker, c=color, edgecolors="black", linewidths=1.0, zorder=6)
+    if name:
+        label_place(axes, name, place, 8.0)
+
+
+def path_legend(axes: Any, present: set[int], *, has_los: bool) -> None:
+    """Add a legend of the ends, of the interactions that are `present` (numbers in `PATH_MARKS`), and of the line of
+    sight."""
     from matplotlib.lines import Line2D
 
     def mark(marker: str, color: str, name: str, edge: str = "black") -> Any:
         return Line2D([], [], ls="", marker=marker, color=color, markeredgecolor=edge, label=name)
 
     handles = [mark("^", BLUE, "transmitter"), mark("o", ORANGE, "receiver")]
-    present = {int(kind) for kinds in link.paths["interactions"] for kind in kinds}
     handles += [
         mark(marker, "white", name) for marker, name, number in PATH_MARKS.values() if number in present
     ]  # fmt: skip
-    if link.is_los:
+    if has_los:
         handles.append(Line2D([], [], color=GREY, lw=2.6, label="line of sight"))
     axes.legend(handles=handles, loc="best", fontsize="small", framealpha=0.9)
 

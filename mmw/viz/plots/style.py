@@ -86,6 +86,11 @@ def new_figure(figure: "Figure | SubFigure | None", size: tuple[float, float]) -
     return Figure(figsize=size, layout="constrained")
 
 
+def carrier_name(carrier_hz: float) -> str:
+    """Return a carrier for people: 28 GHz, 4.9 GHz."""
+    return f"{carrier_hz / 1e9:.6g} GHz"
+
+
 def box_kind(agent: Any, category: str) -> str:
     """Return which of `BOX_STYLES` a row of `boxes` has."""
     if agent is not None:

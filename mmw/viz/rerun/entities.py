@@ -2,6 +2,8 @@
 
 import rerun as rr
 
+from mmw.viz.plots.style import carrier_name
+
 WORLD = "world"
 """Everything with a place; right-handed, z up, meters."""
 TOWN = "world/town"
@@ -23,11 +25,6 @@ def agent_entity(agent: str) -> str:
 def sensor_entity(agent: str, sensor: str) -> str:
     """Return the entity of a sensor; its transform is sensor to agent."""
     return rr.new_entity_path([WORLD, "agents", agent, sensor]).lstrip("/")
-
-
-def carrier_name(carrier_hz: float) -> str:
-    """Return a carrier for people: 28 GHz, 4.9 GHz."""
-    return f"{carrier_hz / 1e9:.6g} GHz"
 
 
 def paths_entity(carrier_hz: float, agent: str = "", peer: str = "") -> str:

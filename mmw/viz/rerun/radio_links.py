@@ -11,8 +11,8 @@ from mmw.channel.path_table import CarrierPaths
 from mmw.dataset import BeamSearch
 from mmw.dataset.frame import Frame, Link
 from mmw.viz.plots.paths import ANTENNA, gains_db, path_lines
-from mmw.viz.plots.style import GAIN_DB, scale_colors
-from mmw.viz.rerun.entities import SERIES, carrier_name, paths_entity, series_entity
+from mmw.viz.plots.style import GAIN_DB, carrier_name, scale_colors
+from mmw.viz.rerun.entities import SERIES, paths_entity, series_entity
 from mmw.viz.rerun.selection import Scope
 
 STATES = {"los": (90, 210, 120), "nlos": (240, 160, 50), "no path": (200, 60, 60)}
@@ -84,7 +84,7 @@ def path_strips(frame: Frame, link: Link) -> rr.LineStrips3D | None:
     ends = [frame.agents.get(name) for name in (link.peer, link.agent)]
     if not len(link.a) or any(end is None or ANTENNA not in end.sensors for end in ends):
         return None
-    gain_db = gains_db(link)
+    gain_db = gains_db(link.a)
     return rr.LineStrips3D(
         path_lines(frame, link),
         colors=scale_colors(gain_db, *GAIN_DB),

@@ -6,10 +6,11 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 from urllib.parse import urlencode
 
 import rerun as rr
@@ -17,6 +18,8 @@ import rerun as rr
 from mmw.core.errors import InputError
 from mmw.viz.rerun.recording import APPLICATION, Looks, record
 from mmw.viz.rerun.selection import Scope
+
+T = TypeVar("T")
 
 HOST = "127.0.0.1"
 """The only address that is listened on."""
@@ -26,6 +29,9 @@ PORT = 9090
 
 COMMAND = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
 """Rerun's command with its exit code, which `python -m rerun_cli` does not pass on."""
+
+WINDOW = ("--hide-welcome-screen",)
+"""Options of the command for a window."""
 
 START_S = 60.0
 """Longest time until a viewer listens [s]. Design value."""
@@ -37,9 +43,9 @@ MEMORY = "50%"
 """Memory that the server may fill with data; beyond, it drops the earliest. Share of all there is. Design value."""
 
 
-def new_stream() -> rr.RecordingStream:
-    """Return a stream for one recording, with no timelines but ours."""
-    stream = rr.RecordingStream(APPLICATION)
+def new_stream(application: str = APPLICATION) -> rr.RecordingStream:
+    """Return a stream for one recording of an application, with no timelines but ours."""
+    stream = rr.RecordingStream(application)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
     return stream
@@ -53,17 +59,21 @@ def save(scope: Scope, looks: Looks, file: Path) -> list[str]:
     """
     if file.suffix != ".rrd":
         raise InputError(f"--save {file}: the file must end in .rrd, as Rerun's recordings do; rename it")
+    return write_recording(file, new_stream(), lambda stream: record(stream, scope, looks))
+
+
+def write_recording(file: Path, stream: rr.RecordingStream, log: Callable[[rr.RecordingStream], T]) -> T:
+    """Write what is logged to a stream to a file, whole or not at all; returns what `log` returns."""
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.name}.{os.getpid()}.part")
     try:
-        stream = new_stream()
         stream.save(part)
-        notes = record(stream, scope, looks)
+        result = log(stream)
         stream.disconnect()
         part.replace(file)
     finally:
         part.unlink(missing_ok=True)
-    return notes
+    return result
 
 
 @dataclass(frozen=True)
@@ -82,15 +92,28 @@ class Viewer:
         Raises:
             InputError: If the viewer fails, or a file of the dataset is damaged.
         """
-        stream = new_stream()
+        return self.receive(new_stream(), lambda stream, flush: record(stream, scope, looks, flush)) or []
+
+    def receive(
+        self, stream: rr.RecordingStream, log: Callable[[rr.RecordingStream, Callable[[], None]], T]
+    ) -> T | None:
+        """Show what is logged to a stream; returns what `log` returns, None if the viewer is closed meanwhile.
+
+        Args:
+            stream: Stream without a sink.
+            log: Logs to the stream; its second argument waits until the viewer has what was logged.
+
+        Raises:
+            InputError: If the viewer fails.
+        """
         stream.connect_grpc(self.address)
         try:
-            notes = record(stream, scope, looks, lambda: self._flush(stream))
+            result = log(stream, lambda: self._flush(stream))
             stream.disconnect()
         except RuntimeError:  # of Rerun: the data server is gone
             self.wait()
-            return []
-        return notes
+            return None
+        return result
 
     def _flush(self, stream: rr.RecordingStream) -> None:
         """Wait until the viewer has what was logged: as long as it runs, because Rerun waits for a dead one as well.
@@ -106,6 +129,12 @@ class Viewer:
             except RuntimeError:
                 if self.process.poll() is not None or time.monotonic() - began < FLUSH_S / 2.0:
                     raise
+
+    def close(self) -> None:
+        """End it."""
+        if self.process.poll() is None:
+            os.killpg(self.process.pid, signal.SIGTERM)
+            self.process.wait()
 
     def wait(self) -> None:
         """Return when it has been closed.
@@ -142,14 +171,36 @@ def native_viewer() -> Iterator[Viewer]:
     Raises:
         InputError: If there is no display.
     """
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if not has_display():
         raise InputError(
             "view: there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); add --web and open the address "
             "that it prints, or --save FILE.rrd and open the file with `rerun FILE.rrd` where there is one"
         )
     port = _free_port()
-    with _run(port, ["--hide-welcome-screen"], (port,)) as process:
+    with _run(port, WINDOW, (port,)) as process:
         yield Viewer("", _address(port), process)
+
+
+def open_window() -> Viewer:
+    """Open a window that stays open when this process ends.
+
+    Raises:
+        InputError: If it cannot open.
+    """
+    port = _free_port()
+    viewer = Viewer("", _address(port), _start(port, WINDOW))
+    try:
+        _wait_for(viewer.process, (port,))
+    except BaseException:
+        viewer.close()
+        raise
+    return viewer
+
+
+def has_display() -> bool:
+    """Return whether a window can be opened: on Linux a display is named, elsewhere there is one."""
+    is_linux = sys.platform.startswith("linux")
+    return not is_linux or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _address(port: int) -> str:
@@ -157,8 +208,20 @@ def _address(port: int) -> str:
 
 
 @contextmanager
-def _run(port: int, options: list[str], ports: tuple[int, ...]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run Rerun's command in this context; it ends with this process, also at SIGTERM.
+def _run(port: int, options: Sequence[str], ports: tuple[int, ...]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run Rerun's command in this context; it ends with this process, also at SIGTERM."""
+    process = _start(port, options)
+    before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        _wait_for(process, ports)
+        yield process
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        Viewer("", _address(port), process).close()
+
+
+def _start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start Rerun's command with a data server on a port.
 
     `rerun.serve_grpc`, `rerun.serve_web_viewer` and `rerun.spawn` listen on every address; the command has an option
     against that. It runs the viewer as a process of its own, so both are a group.
@@ -166,16 +229,7 @@ def _run(port: int, options: list[str], ports: tuple[int, ...]) -> Iterator[subp
     command = [sys.executable, "-c", COMMAND, "--bind", HOST, "--port", str(port)]
     command += ["--server-memory-limit", MEMORY, *options]
     quiet = {"RUST_LOG": "error", **os.environ}
-    process = subprocess.Popen(command, env=quiet, stdout=subprocess.DEVNULL, start_new_session=True)
-    before = signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        _wait_for(process, ports)
-        yield process
-    finally:
-        signal.signal(signal.SIGTERM, before)
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGTERM)
-            process.wait()
+    return subprocess.Popen(command, env=quiet, stdout=subprocess.DEVNULL, start_new_session=True)
 
 
 def _interrupt(number: int, frame: object) -> None:

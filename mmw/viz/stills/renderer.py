@@ -143,8 +143,33 @@ class StillRenderer:
         Raises:
             InputError: If eye and target coincide.
         """
-        views = self._free_view(look_pose(eye, target))
+        return self.look_from(weather, look_pose(eye, target), config)
+
+    def look_from(self, weather: str, pose: np.ndarray, config: RgbCamera) -> Image.Image:
+        """Return a picture by a camera without an agent.
+
+        Args:
+            weather: One of the weathers.
+            pose: Camera to world, x along the optical axis, y left, z up, shape [7].
+            config: The camera.
+        """
+        views = self._free_view(pose)
         return Image.fromarray(self.render(views, config, self._keys(views, weather))[weather][0])
+
+    def distances(self, pose: np.ndarray, config: RgbCamera) -> np.ndarray:
+        """Return how far the first surface in the center of each pixel is from a camera without an agent.
+
+        Args:
+            pose: Camera to world, x along the optical axis, y left, z up, shape [7].
+            config: The camera.
+
+        Returns:
+            Distance along the ray [m], inf where nothing is hit, shape [H, W], float32.
+        """
+        cutouts = self._camera.alpha_cutouts
+        views, intrinsics = self._free_view(pose), intrinsics_of(config)
+        buffer = trace_samples(self.scene, views, intrinsics, config.range_m, cutouts, with_surfaces=False)
+        return buffer.samples.t.numpy().reshape(intrinsics.height, intrinsics.width)
 
     def map_view(
         self, weather: str, center: Sequence[float] | np.ndarray, size_m: float, *,
