@@ -31,10 +31,8 @@ from mmw.core.transfer import to_host
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import view_keys
 from mmw.sensors import RgbCamera
-from mmw.sensors.camera_group.capture import TRACED_RANGE
-from mmw.sensors.camera_group.launches import Launch, max_pixels
+from mmw.sensors.camera_group.launches import Launch, max_pixels, trace_launch
 from mmw.sensors.render.jpeg import jpeg_files
-from mmw.sensors.render.visibility_buffer import trace_samples
 from mmw.sensors.rgb.simulate import RgbRenderer
 
 STAGES = {
@@ -101,7 +99,7 @@ def render(
     """
     images: list[Any] = []
     for piece in launch.pieces(max_pixels(scene.device)):
-        buffer = trace_samples(scene, piece.views, piece.intrinsics, TRACED_RANGE * piece.range_m, camera.alpha_cutouts)
+        buffer = trace_launch(scene, piece, camera.alpha_cutouts)
         keys = {name: view_keys(scene.arrays, piece.views, 0, "bench", name, config.name) for name in weathers}
         found = camera.render(buffer, config, keys)
         device = [found[name].rgb for name in weathers]

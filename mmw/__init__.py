@@ -11,20 +11,30 @@ from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 if TYPE_CHECKING:
-    from mmw.channel import Paths, PathSolver, PlanarArray
+    from mmw import channel as channel
+    from mmw import config as config
+    from mmw import dataset as dataset
+    from mmw import scene as scene
+    from mmw import sensors as sensors
+    from mmw import torch as torch
+    from mmw import viz as viz
+    from mmw.channel import Paths, PathSolver, PlanarArray, RadioMap, RadioMapSolver
     from mmw.config import Config, load_config
     from mmw.core.errors import Error, InputError
     from mmw.dataset import Dataset, Frame, connect, open_dataset
-    from mmw.dataset import open_dataset as open  # noqa: F401 - the short name
+    from mmw.generation.run_config import generate
+    from mmw.generation.simulation import Simulation
     from mmw.physics.materials.material import RadioMaterial
     from mmw.physics.weather.weather import Weather
     from mmw.scene import Receiver, Scene, Transmitter, load_scene
     from mmw.sensors import register_sensor
 
+    open = open_dataset
+
 __all__ = [
-    "Config", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMaterial",
-    "Receiver", "Scene", "Transmitter", "Weather", "connect", "load_config", "load_scene", "open_dataset",
-    "register_sensor",
+    "Config", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMap",
+    "RadioMapSolver", "RadioMaterial", "Receiver", "Scene", "Simulation", "Transmitter", "Weather", "connect",
+    "generate", "load_config", "load_scene", "open_dataset", "register_sensor",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
@@ -38,10 +48,12 @@ if (_root / "pyproject.toml").is_file():
 
 
 _HOME = {
-    **dict.fromkeys(("PathSolver", "Paths", "PlanarArray"), "mmw.channel"),
+    **dict.fromkeys(("PathSolver", "Paths", "PlanarArray", "RadioMap", "RadioMapSolver"), "mmw.channel"),
     **dict.fromkeys(("Config", "load_config"), "mmw.config"),
     **dict.fromkeys(("Error", "InputError"), "mmw.core.errors"),
     **dict.fromkeys(("Dataset", "Frame", "connect", "open_dataset"), "mmw.dataset"),
+    "Simulation": "mmw.generation.simulation",
+    "generate": "mmw.generation.run_config",
     "RadioMaterial": "mmw.physics.materials.material",
     "Weather": "mmw.physics.weather.weather",
     **dict.fromkeys(("Receiver", "Scene", "Transmitter", "load_scene"), "mmw.scene"),
@@ -49,17 +61,24 @@ _HOME = {
 }
 """Name -> module that defines it, so that `import mmw` stays light."""
 
+_SUBMODULES = ("channel", "config", "dataset", "scene", "sensors", "torch", "viz")
+"""Public modules; `mmw.torch` needs the extra of its name."""
+
 _SHORT = {"open": "open_dataset"}
 """Short name -> name; not in `__all__`, so that `from mmw import *` replaces no built-in function."""
 
 
-def __getattr__(name: str) -> _Any:
-    name = _SHORT.get(name, name)
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(_import_module(_HOME[name]), name)
+if not TYPE_CHECKING:  # checkers of types would take any name as there
+
+    def __getattr__(name: str) -> _Any:
+        name = _SHORT.get(name, name)
+        if name in _SUBMODULES:
+            return _import_module(f"{__name__}.{name}")
+        if name not in _HOME:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(_import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:
     loaded = {name for name in globals() if name[0] != "_"} - {"TYPE_CHECKING"}
-    return sorted({*__all__, *_SHORT, "__version__", *loaded})
+    return sorted({*__all__, *_SUBMODULES, *_SHORT, "__version__", *loaded})

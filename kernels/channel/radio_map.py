@@ -7,6 +7,7 @@ same bytes for every launch shape.
 import warp as wp
 
 from mmw.kernels.channel.surfaces import lift_at
+from mmw.kernels.channel.transmitted_field import MapSources, RayField, complex_product, transmitted_field
 from mmw.kernels.core.bvh import Tree
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import double, fibonacci_direction, single
@@ -15,12 +16,6 @@ from mmw.kernels.core.trace import closest_hit, nearest_in_tree
 
 wp.set_module_options(DOUBLE_PRECISION)
 
-PATTERN_DIPOLE = wp.constant(1)
-"""Code of the short dipole along z; 0 is isotropic."""
-PATTERN_HW_DIPOLE = wp.constant(2)
-"""Code of the half-wave dipole along z."""
-PATTERN_TR38901 = wp.constant(3)
-"""Code of the sector element of 3GPP TR 38.901."""
 COSINE_FLOOR = wp.constant(wp.float64(2.0**-16))
 """A crossing flatter than this counts as if it were this steep: the one place where 1 / cos(theta) is bounded."""
 LOW_BITS = wp.constant(wp.int64(32))
@@ -31,26 +26,6 @@ MAX_AMOUNT = wp.constant(wp.float64(2.0**62))
 """Largest fixed-point number of one crossing."""
 MIN_COSINE = wp.constant(wp.float64(1e-9))
 """Minimum cosine of incidence at a surface, where both coefficients are -1 to nine digits and no quotient is 0 / 0."""
-
-
-@wp.struct
-class MapSources:
-    """Transmitters of a map, all with one kind of array."""
-
-    position: wp.array[wp.vec3d]
-    """Middle of the array, scene frame [m], shape [T]."""
-    rotation: wp.array[wp.mat33d]
-    """Antenna to scene frame, shape [T]."""
-    weight: wp.array2d[wp.vec2d]
-    """Precoding weight (real, imaginary) of each antenna, of unit norm, shape [T, K]."""
-    offset: wp.array[wp.vec3d]
-    """Place of each antenna in the antenna's frame [wavelengths], shape [K]."""
-    slant: wp.array[wp.float64]
-    """Slant angle of each antenna, 0 for vertical [rad], shape [K]."""
-    pattern: int
-    """0 isotropic, or one of the `PATTERN_` codes."""
-    turns_slant: wp.bool
-    """True: model 1 of TR 38.901 (a slanted element turned in space); False: model 2 (one slant for all directions)."""
 
 
 @wp.struct
@@ -107,20 +82,6 @@ class SlabField:
     reflect_tm: wp.vec2d
     pass_te: wp.vec2d
     pass_tm: wp.vec2d
-
-
-@wp.struct
-class RayField:
-    """Field of a ray without spreading, scene frame; the complex vector is `real + j imag`."""
-
-    real: wp.vec3d
-    imag: wp.vec3d
-
-
-@wp.func
-def complex_product(a: wp.vec2d, b: wp.vec2d) -> wp.vec2d:
-    """Return a b."""
-    return wp.vec2d(a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0])
 
 
 @wp.func
@@ -188,67 +149,6 @@ def slab_field(permittivity: wp.vec2d, cosine: wp.float64, thickness: wp.float64
         result.pass_te = wp.vec2d(te[2], te[3])
         result.pass_tm = wp.vec2d(tm[2], tm[3])
     return result
-
-
-@wp.func
-def pattern_amplitude(pattern: int, theta: wp.float64, phi: wp.float64) -> wp.float64:
-    """Return the amplitude of an element; the same formulas as `mmw.channel.antennas.patterns.pattern_amplitude`."""
-    half_pi = wp.float64(0.5 * wp.PI)
-    amplitude = wp.float64(1.0)
-    if pattern == PATTERN_DIPOLE:
-        amplitude = wp.sqrt(wp.float64(1.5)) * wp.abs(wp.sin(theta))
-    elif pattern == PATTERN_HW_DIPOLE:
-        sine = wp.sin(theta)
-        amplitude = wp.float64(0.0)
-        if wp.abs(sine) >= wp.float64(1e-9):
-            amplitude = wp.sqrt(wp.float64(1.643)) * wp.abs(wp.cos(half_pi * wp.cos(theta)) / sine)
-    elif pattern == PATTERN_TR38901:
-        beam = wp.float64(65.0 * wp.PI / 180.0)
-        max_loss = wp.float64(30.0)
-        up = (theta - half_pi) / beam
-        aside = phi / beam
-        vertical = wp.min(wp.float64(12.0) * up * up, max_loss)
-        horizontal = wp.min(wp.float64(12.0) * aside * aside, max_loss)
-        loss = wp.min(vertical + horizontal, max_loss)
-        amplitude = wp.pow(wp.float64(10.0), (wp.float64(8.0) - loss) / wp.float64(20.0))
-    return amplitude
-
-
-@wp.func
-def transmitted_field(sources: MapSources, source: int, direction: wp.vec3d) -> RayField:
-    """Return the far field of a transmitter's array in a direction, without spreading.
-
-    Source: 3GPP TR 38.901 section 7.3 for element and polarization; the synthetic array h^T p with the phases
-    exp(+j 2 pi k . d / lambda), p not conjugated, as in Sionna RT 2.2.
-    """
-    rotation = sources.rotation[source]
-    local = wp.transpose(rotation) * direction
-    across = wp.sqrt(local[0] * local[0] + local[1] * local[1])
-    theta = wp.atan2(across, local[2])
-    phi = wp.where(across < wp.float64(1e-9), wp.float64(0.0), wp.atan2(local[1], local[0]))
-    sin_t = wp.sin(theta)
-    cos_t = wp.cos(theta)
-    sin_p = wp.sin(phi)
-    cos_p = wp.cos(phi)
-    theta_hat = rotation * wp.vec3d(cos_t * cos_p, cos_t * sin_p, -sin_t)
-    phi_hat = rotation * wp.vec3d(-sin_p, cos_p, wp.float64(0.0))
-    amplitude = pattern_amplitude(sources.pattern, theta, phi)
-    field = RayField()
-    for antenna in range(sources.slant.shape[0]):
-        turn = wp.float64(2.0 * wp.PI) * wp.dot(local, sources.offset[antenna])
-        value = complex_product(sources.weight[source, antenna], wp.vec2d(wp.cos(turn), wp.sin(turn)))
-        sin_s = wp.sin(sources.slant[antenna])
-        cos_s = wp.cos(sources.slant[antenna])
-        along = cos_s * theta_hat + sin_s * phi_hat
-        if sources.turns_slant:
-            axis = cos_s * cos_t - sin_s * sin_p * sin_t
-            size = wp.sqrt(wp.max(wp.float64(1.0) - axis * axis, wp.float64(0.0)))
-            if size < wp.float64(1e-9):
-                size = wp.float64(1.0)
-            along = ((cos_s * sin_t + sin_s * sin_p * cos_t) * theta_hat + sin_s * cos_p * phi_hat) / size
-        field.real = field.real + amplitude * value[0] * along
-        field.imag = field.imag + amplitude * value[1] * along
-    return field
 
 
 @wp.func

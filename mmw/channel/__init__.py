@@ -1,4 +1,4 @@
-"""Radio channel: links, paths, antennas and materials; and what users make of stored paths: arrays, CSI and beams.
+"""Radio channel: links, paths, antennas, radio maps; and what users make of stored paths: arrays, CSI and beams.
 
 The names below are loaded when they are first used, so that `import mmw.channel` stays light.
 """
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from mmw.channel.path_solver.path_solver import PathSolver
     from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, rows_from_paths
     from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_table
+    from mmw.channel.radio_map.measurement_surface import MeasurementSurface, mesh_surface, plane_grid, road_grid
+    from mmw.channel.radio_map.radio_map import RadioMap
+    from mmw.channel.radio_map.radio_map_solver import RadioMapSolver
     from mmw.channel.response import complex_gain, frequency_response, impulse_response, subcarrier_frequencies, taps
     from mmw.channel.scene_paths import Paths
 
@@ -27,6 +30,9 @@ _HOME = {
     "path_solver.path_solver": ("PathSolver",),
     "path_table": ("LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "rows_from_paths"),
     "path_tracks": ("PathTracks", "tracks_from_paths", "tracks_from_table"),
+    "radio_map.measurement_surface": ("MeasurementSurface", "mesh_surface", "plane_grid", "road_grid"),
+    "radio_map.radio_map": ("RadioMap",),
+    "radio_map.radio_map_solver": ("RadioMapSolver",),
     "response": ("complex_gain", "frequency_response", "impulse_response", "subcarrier_frequencies", "taps"),
     "scene_paths": ("Paths",),
 }
@@ -35,17 +41,20 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "PathSolver", "PathTracks", "Paths", "PatternTable", "PlanarArray",
-    "apply_arrays", "beam_gains", "best_beams", "complex_gain", "dft_codebook", "frequency_response",
-    "impulse_response", "normalized_gain", "per_element_links", "plane_wave_error", "rotations_from_poses",
-    "rows_from_paths", "subcarrier_frequencies", "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
+    "LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "MeasurementSurface", "PathSolver", "PathTracks", "Paths",
+    "PatternTable", "PlanarArray", "RadioMap", "RadioMapSolver", "apply_arrays", "beam_gains", "best_beams",
+    "complex_gain", "dft_codebook", "frequency_response", "impulse_response", "mesh_surface", "normalized_gain",
+    "per_element_links", "plane_grid", "plane_wave_error", "road_grid", "rotations_from_poses", "rows_from_paths",
+    "subcarrier_frequencies", "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
 ]  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
-    if name in _MODULE_OF:
-        return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # checkers of types would take any name as there
+
+    def __getattr__(name: str) -> Any:
+        if name in _MODULE_OF:
+            return getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

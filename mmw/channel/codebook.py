@@ -65,6 +65,11 @@ def dft_codebook(array: PlanarArray, beams: int | tuple[int, int] = 64) -> np.nd
 
     Raises:
         InputError: If a planar array gets one number.
+
+    Examples:
+        >>> from mmw.channel import ula, upa
+        >>> dft_codebook(ula(16), 32).shape, dft_codebook(upa(4, 8), (8, 16)).shape
+        ((16, 32), (32, 128))
     """
     if isinstance(beams, tuple):
         row_beams, column_beams = beams
@@ -94,6 +99,15 @@ def beam_gains(h: np.ndarray, tx_codebook: np.ndarray, rx_codebook: np.ndarray) 
 
     Raises:
         InputError: If shapes do not fit.
+
+    Examples:
+        >>> import mmw
+        >>> from mmw.channel import apply_arrays, dft_codebook, frequency_response, ula
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> a = apply_arrays(paths, ula(8), ula(4), 28e9)
+        >>> h = frequency_response(a, paths, [0.0], 28e9)
+        >>> beam_gains(h, dft_codebook(ula(8), 8), dft_codebook(ula(4), 4)).shape  # links, combiners, precoders
+        (3, 4, 8)
     """
     h = h.mean(axis=-1) if h.ndim == 4 else h
     if h.ndim != 3 or h.shape[1:] != (len(rx_codebook), len(tx_codebook)):
@@ -111,6 +125,13 @@ def best_beams(gains: np.ndarray) -> BeamPairs:
 
     Args:
         gains: Gains of all pairs from `beam_gains`, shape [L, Q_r, Q_t].
+
+    Examples:
+        >>> import numpy as np
+        >>> gains = np.array([[[0.1, 0.4], [0.9, 0.2]]])  # one link, two combiners, two precoders
+        >>> best = best_beams(gains)
+        >>> best.rx_beam.tolist(), best.tx_beam.tolist(), best.gain.tolist()
+        ([1], [0], [0.9])
     """
     links, _, tx_beams = gains.shape
     flat = gains.reshape(links, -1)
@@ -135,6 +156,12 @@ def normalized_gain(gains: np.ndarray, tx_beam: ArrayLike, best: BeamPairs | Non
 
     Raises:
         InputError: If a beam of a link with paths is not in the codebook, or there are not L rows.
+
+    Examples:
+        >>> import numpy as np
+        >>> gains = np.array([[[0.1, 0.4], [0.9, 0.45]]])
+        >>> normalized_gain(gains, [1]).tolist()  # the second precoder instead of the first
+        [0.5]
     """
     best = best_beams(gains) if best is None else best
     chosen = np.asarray(tx_beam)

@@ -66,6 +66,14 @@ class CarrierPaths(PathSamples):
 
     Raises:
         InputError: If arrays differ in length, or paths are not sorted by link.
+
+    Examples:
+        >>> import mmw
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> paths.link_count, paths.path_count.tolist()
+        (3, [2, 1, 4])
+        >>> paths.keys[0].tolist()  # scenario, weather, frame, receiver, transmitter
+        ('town03_roundabout', 'sunny', 0, 'cav_1', 'rsu_1')
     """
 
     keys: np.ndarray

@@ -261,6 +261,15 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
     Raises:
         InputError: As `CarrierPaths.from_table`; or if there are several scenarios or weathers, or a path is twice in a
             frame of a link.
+
+    Examples:
+        >>> import mmw
+        >>> data, one = mmw.open_dataset("out/quickstart"), {"weather": "sunny", "frames": range(0, 4)}
+        >>> tracks = tracks_from_table(data.read("paths", **one), 28e9, data.read("links", **one))
+        >>> tracks.alive().tolist()  # paths in each frame
+        [7, 7, 7, 7]
+        >>> tracks.at([0.005, 0.015]).link_count == 2 * tracks.link_count  # between frames
+        True
     """
     paths = CarrierPaths.from_table(table, carrier_hz, links)
     path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)

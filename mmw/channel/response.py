@@ -37,6 +37,12 @@ def subcarrier_frequencies(count: int, spacing_hz: float, grid: Literal["centere
 
     Raises:
         InputError: If the count is below 1, or the grid is not known.
+
+    Examples:
+        >>> subcarrier_frequencies(4, 120e3).tolist()
+        [-180000.0, -60000.0, 60000.0, 180000.0]
+        >>> subcarrier_frequencies(4, 120e3, grid="fft").tolist()
+        [-240000.0, -120000.0, 0.0, 120000.0]
     """
     if count < 1:
         raise InputError(f"subcarrier_frequencies: count = {count}; it is at least 1")
@@ -69,6 +75,13 @@ def complex_gain(
         carrier_hz: Carrier f_c of the paths [Hz].
         time_s: Time t after the instant of the paths [s].
         normalize_delays: Count delays from the first path of each link.
+
+    Examples:
+        >>> import mmw
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> gain = complex_gain(paths.a, paths, 28e9)  # with the phase of the carrier
+        >>> bool((abs(gain / paths.a).round(9) == 1.0).all())
+        True
     """
     phase = _rotation(a, paths, carrier_hz, np.float64(time_s), True, normalize_delays)
     return a * phase.reshape(len(paths), *(1,) * (a.ndim - 1))
@@ -109,6 +122,14 @@ def frequency_response(
 
     Raises:
         InputError: If shapes do not fit or the carrier is not that of the paths.
+
+    Examples:
+        >>> import mmw
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> a = paths.a[:, None, None]  # between the antennas of the dataset: one at each end
+        >>> h = frequency_response(a, paths, subcarrier_frequencies(64, 120e3), 28e9)
+        >>> h.shape  # links, receive antennas, transmit antennas, subcarriers
+        (3, 1, 1, 64)
     """
     frequencies = np.atleast_1d(np.asarray(frequencies_hz, dtype=np.float64))
     tau = delays(paths, normalize_delays)
@@ -158,6 +179,13 @@ def taps(
 
     Raises:
         InputError: If l_max is below l_min, the bandwidth is not above 0, shapes do not fit, or the carrier differs.
+
+    Examples:
+        >>> import mmw
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> h = taps(paths.a[:, None, None], paths, 100e6, -6, 64, 28e9)
+        >>> h.shape, int(abs(h[0, 0, 0]).argmax()) - 6  # the strongest tap of the first link
+        ((3, 1, 1, 71), 13)
     """
     if l_max < l_min or not bandwidth_hz > 0:
         raise InputError(f"taps: l_min = {l_min}, l_max = {l_max}, W = {bandwidth_hz:g} Hz; l_min <= l_max and W > 0")
@@ -191,6 +219,13 @@ def impulse_response(
 
     Raises:
         InputError: If shapes do not fit or the carrier is not that of the paths.
+
+    Examples:
+        >>> import mmw
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> a, tau = impulse_response(paths.a[:, None, None], paths, 28e9)
+        >>> a.shape, tau.shape  # of each link the paths, as many as the link with most of them has
+        ((3, 1, 1, 4), (3, 4))
     """
     turn = _rotation(a, paths, carrier_hz, np.asarray(time_s, dtype=np.float64), carrier_phase, normalize_delays)
     if a.ndim != 3:

@@ -12,16 +12,19 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw import __version__
 from mmw.channel.antennas.arrays import PlanarArray
-from mmw.channel.radio_map.measurement_surface import MeasurementSurface, plane_grid, road_grid
-from mmw.channel.radio_map.solver import RadioMap, RadioMapConfig, Transmitters, actor_transmitters, radio_map
+from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
+from mmw.channel.radio_map.scene_surface import PLANE, ROADS, scene_surface
+from mmw.channel.radio_map.solver import solve_radio_map
+from mmw.channel.radio_map.table import RADIO_MAP
+from mmw.channel.radio_map.transmitters import actor_transmitters
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP, Config, ScenarioConfig, config_path, load_config
+from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device, device_name
 from mmw.core.errors import InputError
@@ -34,32 +37,6 @@ from mmw.scene.scene_data import SceneData
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
 from mmw.storage.parquet_schema import arrow_schema, write_options
-from mmw.storage.table_spec import F64, I32, NAME, TableSpec, column, xyz
-
-_NOTHING = "; null where nothing of it arrives"
-
-RADIO_MAP = TableSpec(
-    "radio_map",
-    "one transmitter and cell",
-    (
-        column("transmitter", NAME, "-", "transmitter, an agent's name"),
-        column("cell", I32, "id", "number of the cell; the same for every transmitter"),
-        *xyz("x y z", F64, "m", "{} of the cell's middle, world frame"),
-        column("area_m2", F64, "m^2", "area of the cell"),
-        column(
-            "path_gain_db", F64, "dB",
-            "mean path gain to an ideal isotropic receiver, transmit antenna included" + _NOTHING, nullable=True,
-        ),
-        column("rss_dbm", F64, "dBm", "mean received signal strength" + _NOTHING, nullable=True),
-        column(
-            "sinr_db", F64, "dB",
-            "signal of this transmitter over thermal noise and all other transmitters" + _NOTHING, nullable=True,
-        ),
-    ),
-    ("transmitter", "cell"),
-    framed=False,
-)  # fmt: skip
-"""Table of a radio map."""
 
 
 def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
@@ -141,7 +118,19 @@ def run(arguments: argparse.Namespace) -> None:
         array=PlanarArray(pattern=channel.pattern, polarization=channel.polarization),
         power_dbm=arguments.power,
     )
-    surface = _surface(arguments, arrays, transmitters)
+    if arguments.size is not None and not arguments.size > 0.0:
+        raise InputError(
+            f"--size {arguments.size:g}: it must be above 0 m; give the side of the square, or leave it out"
+        )
+    surface = scene_surface(
+        arrays,
+        frame,
+        PLANE if arguments.plane else ROADS,
+        transmitters.position,
+        cell_size_m=arguments.cell,
+        height_m=arguments.height,
+        size_m=None if arguments.size is None else (arguments.size, arguments.size),
+    )
     map_config = RadioMapConfig(
         carrier_hz=arguments.carrier,
         samples_per_tx=arguments.samples_per_tx,
@@ -153,14 +142,14 @@ def run(arguments: argparse.Namespace) -> None:
     scene = DeviceScene(arrays, device, 1)
     scene.load_batch([frame])
     began = time.perf_counter()
-    result = radio_map(scene, 0, transmitters, surface, map_config, arrays.materials[weather])
+    result = solve_radio_map(scene, 0, transmitters, surface, map_config, arrays.materials[weather])
     seconds = time.perf_counter() - began
     stem = arguments.out / f"{scenario.name}_radio_map"
     meta = {
         "scenario": scenario.name,
         "weather": weather,
         "frame": frame,
-        "surface": "plane" if arguments.plane else "roads",
+        "surface": PLANE if arguments.plane else ROADS,
         "cell_m": arguments.cell,
         "height_m": arguments.height,
         "power_dbm": arguments.power,
@@ -191,20 +180,6 @@ def run(arguments: argparse.Namespace) -> None:
         print(stem.with_suffix(".png"))
 
 
-def radio_map_table(result: RadioMap) -> pa.Table:
-    """Return a map as the table `RADIO_MAP`, transmitter by transmitter and cell by cell."""
-    count, cells = result.path_gain.shape
-    names = pa.DictionaryArray.from_arrays(
-        np.repeat(np.arange(count, dtype=np.int32), cells), result.transmitters.names
-    )
-    center = result.surface.center
-    columns: list[Any] = [names, np.tile(np.arange(cells, dtype=np.int32), count)]
-    columns += [np.tile(values, count) for values in (*center.T, result.surface.area)]
-    for values in (result.path_gain_db, result.rss_dbm, result.sinr_db):
-        columns.append(pa.array(values.ravel(), mask=~np.isfinite(values.ravel())))
-    return pa.Table.from_arrays([pa.array(values) for values in columns], schema=pa.schema(RADIO_MAP.columns))
-
-
 def write_radio_map(result: RadioMap, path: Path, meta: dict[str, Any]) -> Path:
     """Write a map as a Parquet file and return its path.
 
@@ -212,7 +187,7 @@ def write_radio_map(result: RadioMap, path: Path, meta: dict[str, Any]) -> Path:
         OutOfSpaceError: If the disk is full.
     """
     schema = arrow_schema(RADIO_MAP, {"mmw.radio_map": json.dumps(meta)})
-    table = radio_map_table(result).replace_schema_metadata(schema.metadata)
+    table = result.to_table().replace_schema_metadata(schema.metadata)
     sink = pa.BufferOutputStream()
     pq.write_table(table, sink, **write_options(RADIO_MAP))
     write_bytes_atomically(path, memoryview(sink.getvalue()))
@@ -231,20 +206,3 @@ def _arrays(config: Config, scenario: ScenarioConfig, frame: int, base: Path) ->
         is_dataset = (base / DATASET).is_file()
         stage = stored_stage(base, scenario) if is_dataset else prepare_scenario(config, scenario, base, Path(folder))
         return read_frame(config, scenario, stage, frame, config.weathers[0])
-
-
-def _surface(arguments: argparse.Namespace, arrays: SceneData, transmitters: Transmitters) -> MeasurementSurface:
-    """Return the measurement surface of a command line."""
-    if arguments.size is not None and not arguments.size > 0.0:
-        raise InputError(
-            f"--size {arguments.size:g}: it must be above 0 m; give the side of the square, or leave it out"
-        )
-    if arguments.size is not None:
-        middle = transmitters.position[:, :2].mean(axis=0)
-        low, high = middle - arguments.size / 2.0, middle + arguments.size / 2.0
-    else:
-        low, high = arrays.points[:, :2].min(axis=0), arrays.points[:, :2].max(axis=0)
-    if arguments.plane:
-        return plane_grid([*(low + high) / 2.0, arguments.height], high - low, arguments.cell)
-    within = None if arguments.size is None else (*low, *high)
-    return road_grid(arrays, arguments.cell, arguments.height, within_m=within)

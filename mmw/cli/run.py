@@ -5,14 +5,14 @@ Exit codes: 0 done, 2 bad configuration or input (one line a problem), 1 failure
 
 import argparse
 import json
-from collections.abc import Collection, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP, Config, ConfigError, config_path, load_config
+from mmw.config import config_path, load_config
 from mmw.config.load import json_schema, to_yaml
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
-from mmw.generation.executors.process_pool import may_use_processes, start_server
+from mmw.generation.run_config import ACCEPTABLE, describe_config, run_config
 
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
@@ -52,7 +52,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         "--accept",
         action="append",
         default=[],
-        choices=("versions", "machine"),
+        choices=ACCEPTABLE,
         help="resume although the shards that are there were made with other versions of mmw or its packages "
         "(versions), or on another kind of machine (machine); may be repeated",
     )
@@ -95,62 +95,13 @@ def _run(arguments: argparse.Namespace) -> None:
     config = load_config(path, arguments.overrides, given)
     if arguments.print_config:
         print(to_yaml(config), end="")
+    elif arguments.dry_run:
+        print(describe_config(config, path.parent, path, arguments.shard))
     else:
-        how = {name: getattr(arguments, name) for name in ("dry_run", "overwrite", "shard", "accept")}
-        execute(config, path, **how)
+        how = {name: getattr(arguments, name) for name in ("overwrite", "shard", "accept")}
+        run_config(config, path.parent, path, **how)
 
 
 def _whole_number(text: str | None) -> int | str | None:
     """Return text as a number if it is one; other text is for the configuration to refuse."""
     return int(text) if text is not None and text.isdecimal() and len(text) < 10 else text
-
-
-def execute(
-    config: Config,
-    path: Path,
-    *,
-    dry_run: bool = False,
-    overwrite: bool = False,
-    shard: str = "0/1",
-    accept: Collection[str] = (),
-) -> None:
-    """Generate the dataset of a configuration, or describe it if `dry_run`.
-
-    Relative `town` and `stage` paths start from the folder of the configuration file `path`.
-
-    Raises:
-        InputError: If the configuration or a file that it names cannot be used.
-        Error: If the disk or the memory is full, workers die, or a store cannot be reached.
-    """
-    if not dry_run and may_use_processes(config.compute, config.frame_total):
-        start_server()
-    from mmw.core.device import worker_devices
-    from mmw.generation.estimate import check_inputs, describe_plan
-    from mmw.generation.executors.executor import open_executor
-    from mmw.generation.generate import generate_dataset, output_of
-    from mmw.generation.progress import Console
-    from mmw.generation.shards import Partition
-
-    base = path.parent
-    try:
-        part = Partition.parse(shard)
-        output_of(config, part)  # refuses an invalid address, also in a dry run
-        check_inputs(config, base)
-        if dry_run:
-            compute = config.compute
-            is_local = compute.engine == "local"
-            where = worker_devices(compute.device, compute.workers)[0] if is_local else "a Ray cluster"
-            print(describe_plan(config, base, where))
-            return
-        with Console() as console, open_executor(config.compute, console) as executor:
-            generate_dataset(
-                config,
-                base=base,
-                executor=executor,
-                part=part,
-                overwrite=overwrite,
-                console=console,
-                accepted=frozenset(accept),
-            )
-    except ConfigError as error:
-        raise ConfigError([f"{path}: {problem}" for problem in error.problems]) from error

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mmw.cli.command import run_command
-from mmw.config import CONFIG_HELP
+from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
 
 SUFFIXES = (".png", ".jpg", ".jpeg")

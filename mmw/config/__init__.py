@@ -1,19 +1,21 @@
 """The configuration: one file in, one frozen, validated object out. Units are in every name or description."""
 
 from mmw.config.air import AirConfig
+from mmw.config.carla_weather import CarlaWeatherConfig
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
+from mmw.config.lens import LensConfig
 from mmw.config.load import load_config
+from mmw.config.material_map import MaterialEntry
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorConfig
-from mmw.config.sensors import AnySensor
-from mmw.config.shipped import CONFIG_HELP, config_path
+from mmw.config.shipped import config_path
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
-    "CONFIG_HELP", "AirConfig", "AnySensor", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
-    "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig", "TrafficConfig", "config_path",
-    "load_config",
+    "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
+    "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig",
+    "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

@@ -11,41 +11,45 @@ from mmw.core.errors import InputError
 class ChannelConfig(Section):
     """Paths on every link: line of sight, sequences of specular reflections, and what else is switched on."""
 
-    enabled: bool = Field(True, description="trace radio channels at all (true or false)")
-    carriers_hz: tuple[float, ...] = Field((28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]")
+    enabled: bool = Field(default=True, description="trace radio channels at all (true or false)")
+    carriers_hz: tuple[float, ...] = Field(
+        default=(28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]"
+    )
     links: tuple[Literal["v2i", "v2v"], ...] = Field(
-        ("v2i",), description="`v2i`: every RSU to every CAV (downlink); `v2v`: every ordered pair of CAVs (list)"
+        default=("v2i",),
+        description="`v2i`: every RSU to every CAV (downlink); `v2v`: every ordered pair of CAVs (list)",
     )
     samples_per_tx: int = Field(
-        1_000_000,
+        default=1_000_000,
         ge=1000,
         le=2**24,
         description="rays launched from each transmitter and frame; both ends of a V2V pair share them (count)",
     )
     candidates: Literal["launch", "exhaustive"] = Field(
-        "launch",
+        default="launch",
         description="how reflecting surfaces are found: by launched rays, or every surface for every link (mode)",
     )
-    max_depth: int = Field(1, ge=0, le=8, description="most interactions on a path (count)")
-    los: bool = Field(True, description="the line of sight (true or false)")
-    specular_reflection: bool = Field(True, description="mirror reflections (true or false)")
+    max_depth: int = Field(default=1, ge=0, le=8, description="most interactions on a path (count)")
+    los: bool = Field(default=True, description="the line of sight (true or false)")
+    specular_reflection: bool = Field(default=True, description="mirror reflections (true or false)")
     refraction: bool = Field(
-        False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
+        default=False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
     )
-    diffraction: bool = Field(False, description="around one convex edge of a path, UTD (true or false)")
+    diffraction: bool = Field(default=False, description="around one convex edge of a path, UTD (true or false)")
     diffraction_lit_region: bool = Field(
-        True, description="diffracted paths also where the source or its reflection is seen (true or false)"
+        default=True, description="diffracted paths also where the source or its reflection is seen (true or false)"
     )
     diffuse_reflection: bool = Field(
-        False, description="scattering at one rough surface, materials with a scattering coefficient (true or false)"
+        default=False,
+        description="scattering at one rough surface, materials with a scattering coefficient (true or false)",
     )
     diffuse_samples: int = Field(
-        1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
+        default=1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )
     pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
-        "dipole", description="element pattern of both ends; tr38901 looks along the agent's x (name)"
+        default="dipole", description="element pattern of both ends; tr38901 looks along the agent's x (name)"
     )
-    polarization: Literal["V", "H"] = Field("V", description="polarization of both ends (name)")
+    polarization: Literal["V", "H"] = Field(default="V", description="polarization of both ends (name)")
     antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(
         default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
         description="antenna in the agent's frame, x forward, y left, z up; the LiDAR's place by default, also for a "

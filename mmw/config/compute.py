@@ -13,11 +13,13 @@ class ComputeConfig(Section):
     """Devices, workers and batch size; all are left out of the dataset's identity."""
 
     engine: Literal["local", "ray"] = Field(
-        "local",
+        default="local",
         description="workers are `local` processes of this machine, or actors of a Ray cluster, `ray` (extra `ray`); "
         "`--engine` replaces it (name)",
     )
-    device: str = Field("auto", description="`auto` (first CUDA device, else the CPU), `cpu`, or `cuda:N` (name)")
+    device: str = Field(
+        default="auto", description="`auto` (first CUDA device, else the CPU), `cpu`, or `cuda:N` (name)"
+    )
     bvh: BvhKind = Field(
         default_factory=default_bvh,
         json_schema_extra={"default": "wide"},
@@ -25,15 +27,15 @@ class ComputeConfig(Section):
         "code; the default is that of the environment variable `MMW_BVH`, if set (name)",
     )
     batch_frames: int = Field(
-        50, ge=1, le=1024, description="frames traced in one launch; `--batch-frames` replaces it (count)"
+        default=50, ge=1, le=1024, description="frames traced in one launch; `--batch-frames` replaces it (count)"
     )
     workers: int | Literal["auto"] = Field(
-        "auto",
+        default="auto",
         description="processes that trace: `auto` is one a core on the CPU, on each CUDA device one for two cores as "
         "far as memory allows, and never more than the work is worth; `--workers` replaces it (count)",
     )
     writer_threads: int | Literal["auto"] = Field(
-        "auto",
+        default="auto",
         description="threads of each worker that encode and write shards: `auto` is three for each core, divided among "
         "the workers, 4 to 16 (count)",
     )

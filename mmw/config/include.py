@@ -11,11 +11,16 @@ from mmw.config.scenario import ScenarioConfig
 from mmw.core.errors import InputError
 
 
-def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
+def include_scenarios(data: dict[str, Any], folder: Path, read: Callable[[Path], dict[str, Any]]) -> dict[str, Any]:
     """Return a configuration's content in which every path under `scenarios` is replaced by that file's scenarios.
 
     An included scenario brings its frames along (its own, else those of its file). Weathers, sensors, channel, output
     and compute are those of the including file. Relative paths in it start from its own file's folder.
+
+    Args:
+        data: Content of the including file.
+        folder: Folder of the including file.
+        read: Reads the content of a file.
 
     Raises:
         InputError: If an included file holds no list of scenarios, or includes further files.
@@ -25,13 +30,12 @@ def include_scenarios(data: dict[str, Any], path: Path, read: Callable[[Path], d
         return data
     scenarios: list[Any] = []
     for entry in entries:
-        scenarios += _included(entry, path, read) if isinstance(entry, str) else [entry]
+        scenarios += _included(entry, folder, read) if isinstance(entry, str) else [entry]
     return data | {"scenarios": scenarios}
 
 
-def _included(entry: str, path: Path, read: Callable[[Path], dict[str, Any]]) -> list[Any]:
-    file = path.parent / entry
-    content = read(file)
+def _included(entry: str, folder: Path, read: Callable[[Path], dict[str, Any]]) -> list[Any]:
+    content = read(folder / entry)
     found = content.get("scenarios")
     if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
         raise InputError(

@@ -16,14 +16,14 @@ USED = {
 }
 """Model -> its coefficients, in OpenCV's order."""
 
-Coefficient = Field(0.0, ge=-100, le=100, description="coefficient by OpenCV's name [-]")
+Coefficient = Field(default=0.0, ge=-100, le=100, description="coefficient by OpenCV's name [-]")
 
 
 class LensConfig(Section):
     """A lens by OpenCV's models; coefficients of a calibration are entered as they are."""
 
     model: LensModel = Field(
-        "pinhole",
+        default="pinhole",
         description="`pinhole`; `brown_conrady`: OpenCV's k1, k2, p1, p2, k3 and, for its rational model, k4 to k6; "
         "`fisheye`: OpenCV's (Kannala-Brandt), k1 to k4 (name)",
     )
@@ -36,14 +36,25 @@ class LensConfig(Section):
     p1: float = Coefficient
     p2: float = Coefficient
     fx_px: float | None = Field(
-        None, gt=0, le=1e6, description="focal length along rows; given, fov_deg is not used; none: from fov_deg [px]"
+        default=None,
+        gt=0,
+        le=1e6,
+        description="focal length along rows; given, fov_deg is not used; none: from fov_deg [px]",
     )
-    fy_px: float | None = Field(None, gt=0, le=1e6, description="focal length along columns; none: as fx_px [px]")
+    fy_px: float | None = Field(
+        default=None, gt=0, le=1e6, description="focal length along columns; none: as fx_px [px]"
+    )
     cx_px: float | None = Field(
-        None, ge=0, le=8192, description="column of the optical axis from the left edge: OpenCV's + 0.5; none: W/2 [px]"
+        default=None,
+        ge=0,
+        le=8192,
+        description="column of the optical axis from the left edge: OpenCV's + 0.5; none: W/2 [px]",
     )
     cy_px: float | None = Field(
-        None, ge=0, le=8192, description="row of the optical axis from the top edge: OpenCV's + 0.5; none: H/2 [px]"
+        default=None,
+        ge=0,
+        le=8192,
+        description="row of the optical axis from the top edge: OpenCV's + 0.5; none: H/2 [px]",
     )
 
     @model_validator(mode="after")

@@ -1,12 +1,14 @@
-"""Load a configuration from a file and overrides; each problem is one line with file, key, value and remedy."""
+"""Load a configuration and apply overrides; each problem is one line with file, key, value and remedy."""
 
-from collections.abc import Iterator, Sequence
+import os
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from mmw.config.file_content import file_content
 from mmw.config.include import include_scenarios
 from mmw.config.model import Config
 from mmw.config.overrides import set_value
@@ -18,17 +20,41 @@ from mmw.core.errors import InputError
 
 _NEEDED = "a mapping with the key `scenarios`"
 
+Source = str | os.PathLike[str] | Mapping[str, Any] | Config
+"""Configuration that a function takes: a file, the name of a shipped one, the content of a file, or an object."""
 
-def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str, Any] | None = None) -> Config:
-    """Read a configuration, apply `a.b=c` overrides, then the options of `patch` by dotted key, and validate it.
+
+def load_config(
+    source: Source,
+    overrides: Sequence[str] = (),
+    patch: Mapping[str, Any] | None = None,
+    *,
+    base: str | os.PathLike[str] | None = None,
+) -> Config:
+    """Return a configuration after `a.b=c` overrides and the options of `patch`, validated.
+
+    Args:
+        source: Path of a YAML file; name of a shipped configuration, such as `quickstart`; content of a file as a
+            mapping, which may hold sections such as `mmw.sensors.Lidar()`; or a `Config`.
+        overrides: `key=value` as on the command line, values as YAML: `frames.count=10`, `sensors.lidar.range_m=80`.
+        patch: Dotted key -> value, applied after the overrides.
+        base: Folder that the paths of included files in a mapping start from; the current folder by default.
+
+    The result has no folder of its own: `mmw.generate` and `mmw.Simulation` take the one that its relative paths start
+    from as `base`.
 
     Raises:
         ConfigError: If the file, an override or a value cannot be used.
+
+    Examples:
+        >>> config = load_config("quickstart", ["frames.count=50", "weathers=[sunny, rainy]"])
+        >>> config.frames.count, config.weathers, config.scenarios[0].name
+        (50, ('sunny', 'rainy'), 'town03_roundabout')
     """
-    path = config_path(path)
-    data = _read(path)
-    with _located(str(path)):
-        data = include_scenarios(data, path, _read)
+    place = place_of(source)
+    data = _content(source, place, base_folder(source, base))
+    if isinstance(overrides, str) or not all(isinstance(item, str) for item in overrides):
+        raise ConfigError([f"overrides = {short(overrides)}: a list of texts is needed, such as ['frames.count=10']"])
     for item in overrides:
         key, sign, text = item.partition("=")
         where = f"override {short(item, 120)}"
@@ -45,8 +71,59 @@ def load_config(path: str | Path, overrides: Sequence[str] = (), patch: dict[str
             set_value(data, key, value)
     for key, value in (patch or {}).items():
         with _located(f"option for {key}"):
-            set_value(data, key, value)
-    return validated(Config, data, path)
+            set_value(data, key, file_content(value))
+    return validated(Config, data, place)
+
+
+def place_of(source: Source) -> Path | str:
+    """Return the file of a configuration, or a word for one that is no file, as messages begin with it.
+
+    Raises:
+        ConfigError: If there is no such file, or the source is none of the kinds of `load_config`.
+    """
+    if isinstance(source, str | os.PathLike):
+        return config_path(Path(source))
+    if isinstance(source, Mapping | Config):
+        return "configuration"
+    raise ConfigError(
+        [
+            f"configuration = {short(source)}: is of type {type(source).__name__}; give a YAML file, the name of a "
+            "shipped configuration, a mapping or an mmw.Config"
+        ]
+    )
+
+
+@contextmanager
+def in_config(place: Path | str) -> Iterator[None]:
+    """Let the problems of a configuration that the block finds begin with its place, see `place_of`."""
+    try:
+        yield
+    except ConfigError as error:
+        raise ConfigError([f"{place}: {problem}" for problem in error.problems]) from error
+
+
+def base_folder(source: Source, base: str | os.PathLike[str] | None = None) -> Path:
+    """Return the folder that relative paths of a configuration start from: `base`, its file's, or the current one.
+
+    Raises:
+        ConfigError: If there is no such folder or file.
+    """
+    if base is not None:
+        folder = Path(base)
+        if not folder.is_dir():
+            raise ConfigError([f"base = {str(folder)!r}: no such folder; give the one that relative paths start from"])
+        return folder
+    place = place_of(source)
+    return place.parent if isinstance(place, Path) else Path.cwd()
+
+
+def _content(source: Source, place: Path | str, base: Path) -> dict[str, Any]:
+    """Return the content of a configuration, its included scenarios filled in."""
+    with _located(str(place)):
+        if isinstance(source, Mapping | Config):
+            return include_scenarios(file_content(source), base, _read)
+        path = Path(place)
+        return include_scenarios(_read(path), path.parent, _read)
 
 
 @contextmanager

@@ -20,20 +20,24 @@ class MaterialEntry(Section):
 
     model_config = ConfigDict(json_schema_extra=_or_name)
 
-    material: str | None = Field(None, description="material of the library: radio, LiDAR and look (material name)")
-    radio: str | None = Field(None, description="radio material, such as itu_brick or itu_pec (name)")
-    relative_permittivity: float | None = Field(
-        None, ge=1, description="real part, the same at every frequency, instead of `radio` (ratio)"
+    material: str | None = Field(
+        default=None, description="material of the library: radio, LiDAR and look (material name)"
     )
-    conductivity: float | None = Field(None, ge=0, description="goes with `relative_permittivity` [S/m]")
-    thickness: float | None = Field(None, ge=0, description="of a slab; 0 for a half-space [m]")
-    scattering: float | None = Field(None, ge=0, le=1, description="scattering coefficient S (fraction)")
-    xpd: float | None = Field(None, ge=0, le=1, description="cross-polarised share of the scattered power (fraction)")
-    label: str | None = Field(None, description="semantic class (label)")
-    color: Vec3 | None = Field(None, description="linear diffuse color, 0 to 1 (fraction)")
-    roughness: float | None = Field(None, ge=0, le=1, description="roughness of the picture (fraction)")
-    metallic: float | None = Field(None, ge=0, le=1, description="0 dielectric, 1 bare metal (fraction)")
-    opacity: float | None = Field(None, ge=0, le=1, description="1 for opaque (fraction)")
+    radio: str | None = Field(default=None, description="radio material, such as itu_brick or itu_pec (name)")
+    relative_permittivity: float | None = Field(
+        default=None, ge=1, description="real part, the same at every frequency, instead of `radio` (ratio)"
+    )
+    conductivity: float | None = Field(default=None, ge=0, description="goes with `relative_permittivity` [S/m]")
+    thickness: float | None = Field(default=None, ge=0, description="of a slab; 0 for a half-space [m]")
+    scattering: float | None = Field(default=None, ge=0, le=1, description="scattering coefficient S (fraction)")
+    xpd: float | None = Field(
+        default=None, ge=0, le=1, description="cross-polarised share of the scattered power (fraction)"
+    )
+    label: str | None = Field(default=None, description="semantic class (label)")
+    color: Vec3 | None = Field(default=None, description="linear diffuse color, 0 to 1 (fraction)")
+    roughness: float | None = Field(default=None, ge=0, le=1, description="roughness of the picture (fraction)")
+    metallic: float | None = Field(default=None, ge=0, le=1, description="0 dielectric, 1 bare metal (fraction)")
+    opacity: float | None = Field(default=None, ge=0, le=1, description="1 for opaque (fraction)")
 
     @property
     def changes(self) -> dict[str, object]:

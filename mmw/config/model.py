@@ -20,16 +20,16 @@ class Config(Section):
     """One configuration file."""
 
     scenarios: tuple[ScenarioConfig, ...] = Field(description="worlds, traffic and agents (list)")
-    weathers: tuple[Name, ...] = Field(("sunny",), description="weathers to make (list)")
+    weathers: tuple[Name, ...] = Field(default=("sunny",), description="weathers to make (list)")
     air: dict[Name, AirConfig] = Field(
         default_factory=dict,
         validate_default=True,
         description="weather -> its physical values; presets need no entry, other names do (map)",
     )
     frames: FramesConfig | None = Field(
-        None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
+        default=None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
     )
-    seed: int = Field(42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
+    seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
     sensors: tuple[AnySensor, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")

@@ -2,21 +2,21 @@
 
 from pydantic import Field
 
-from mmw.config.section import Section
+from mmw.config.section import PathText, Section
 
 
 class OutputConfig(Section):
     """The dataset folder and its shards."""
 
-    dir: str = Field(
-        "out/dataset",
+    dir: PathText = Field(
+        default="out/dataset",
         description="dataset folder, relative to the working directory, or s3://bucket/folder; `--out` replaces it "
         "(path)",
     )
-    staging: str | None = Field(
-        None,
+    staging: PathText | None = Field(
+        default=None,
         description="folder on this machine for what is on its way to a store; in the user's cache if absent (path)",
     )
     shard_frames: int = Field(
-        100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
+        default=100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
     )

@@ -4,8 +4,9 @@ import copy
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined, to_jsonable_python
+from pydantic_core import PydanticUndefined
 
+from mmw.config.file_content import file_content
 from mmw.config.model import Config
 from mmw.config.validation_errors import models_in, tag_of
 from mmw.config.yaml_loader import MAX_DEPTH, short
@@ -93,22 +94,5 @@ def _default(owners: list[type[BaseModel]], name: str) -> Any:
     for owner in owners:
         default = owner.model_fields[name].get_default(call_default_factory=True)
         if default is not PydanticUndefined and default is not None:
-            return _as_file(default)
+            return file_content(default)
     return {}
-
-
-def _as_file(value: Any) -> Any:
-    """Return a value as the shortest file content: of sections their `type` and the keys that are set.
-
-    Values that depend on another key, such as a LiDAR's channels on its table of elevations, are not set.
-    """
-    if isinstance(value, BaseModel):
-        given = {
-            name: _as_file(getattr(value, name)) for name in type(value).model_fields if name in value.model_fields_set
-        }
-        return {"type": tag_of(type(value)), **given} if tag_of(type(value)) else given
-    if isinstance(value, dict):
-        return {key: _as_file(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_as_file(item) for item in value]
-    return to_jsonable_python(value)

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from mmw.config.material_map import MaterialEntry
-from mmw.config.section import InputFile, InputPath, Name, PrimName, Section, Vec3
+from mmw.config.section import InputFile, InputPath, Name, PathText, PrimName, Section, Vec3
 from mmw.config.traffic_engine import ENGINE_KEYS, ENGINES, engine_spec
 from mmw.core.errors import InputError
 
@@ -17,8 +17,8 @@ TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 class FramesConfig(Section):
     """A stretch of a scenario; frame n is n / 100 s after its start."""
 
-    start: int = Field(0, ge=0, description="first frame (frame number, 1/100 s)")
-    count: int = Field(1000, ge=1, le=1_000_000, description="frames to make (count)")
+    start: int = Field(default=0, ge=0, description="first frame (frame number, 1/100 s)")
+    count: int = Field(default=1000, ge=1, le=1_000_000, description="frames to make (count)")
 
     @property
     def stop(self) -> int:
@@ -29,42 +29,46 @@ class FramesConfig(Section):
 class RsuConfig(Section):
     """One roadside unit: a fixed agent with sensors and a transmitter."""
 
-    name: PrimName = Field("rsu_1", description="agent name of the unit; the `agent` key of its rows (name)")
+    name: PrimName = Field(default="rsu_1", description="agent name of the unit; the `agent` key of its rows (name)")
     position_m: Vec3 = Field(description="foot of the unit in the world frame, x east, y north, z up [m]")
-    yaw_deg: float = Field(0.0, ge=-360, le=360, description="heading of the unit, counter-clockwise from east [deg]")
+    yaw_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="heading of the unit, counter-clockwise from east [deg]"
+    )
 
 
 class TrafficConfig(Section):
     """The moving vehicles of a scenario, and which of them are connected."""
 
     engine: str = Field(
-        "idm",
+        default="idm",
         json_schema_extra=lambda schema: schema.update(enum=list(ENGINES)),
         description="idm: mmw's own engine; sumo: SUMO, needs the extra sumo; replay: a table of trajectories (token)",
     )
-    vehicle_count: int = Field(20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
+    vehicle_count: int = Field(default=20, ge=1, le=500, description="vehicles in the scenario, CAVs included (count)")
     spawn_center_m: Vec3 = Field(description="x_spawn: vehicles take the spawn points nearest to it, world frame [m]")
     cav_ranks: tuple[int, ...] = Field(
-        (5, 6, 12),
+        default=(5, 6, 12),
         description="r: zero-based ranks, by distance to `spawn_center_m`, of the vehicles that become CAVs (rank)",
     )
     cav_pool: int | None = Field(
-        None,
+        default=None,
         ge=1,
         description="as many CAVs as `cav_ranks` names, drawn by `seed` from this many vehicles nearest to "
         "`spawn_center_m`; without it each seed has those of `cav_ranks`; engines idm and sumo (count)",
     )
-    warmup_s: float = Field(1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]")
-    lane_changes: bool = Field(True, description="whether vehicles change lanes; engines idm and sumo (flag)")
-    signals: bool = Field(
-        False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
+    warmup_s: float = Field(
+        default=1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]"
     )
-    pedestrian_count: int = Field(0, ge=0, le=500, description="people walking on the sidewalks (count)")
+    lane_changes: bool = Field(default=True, description="whether vehicles change lanes; engines idm and sumo (flag)")
+    signals: bool = Field(
+        default=False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
+    )
+    pedestrian_count: int = Field(default=0, ge=0, le=500, description="people walking on the sidewalks (count)")
     trajectories: InputPath | None = Field(
-        None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
+        default=None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
     )
     cav_ids: tuple[str, ...] = Field(
-        (), description="engine replay: ids of the vehicles that become CAVs; by `cav_ranks` if empty (names)"
+        default=(), description="engine replay: ids of the vehicles that become CAVs; by `cav_ranks` if empty (names)"
     )
 
     options: dict[str, Any] = Field(
@@ -112,16 +116,17 @@ class ScenarioConfig(Section):
     """One scenario: either a shipped town with generated traffic, or an animated USD stage of the user's own."""
 
     name: Name = Field(description="the `scenario` key of every row (name)")
-    town: Annotated[str, InputFile(TOWN_SUFFIXES)] | None = Field(
-        None, description="a shipped town, such as `town03`, or the path of a town asset (name or path)"
+    town: Annotated[PathText, InputFile(TOWN_SUFFIXES)] | None = Field(
+        default=None, description="a shipped town, such as `town03`, or the path of a town asset (name or path)"
     )
     stage: InputPath | None = Field(
-        None, description="an animated USD stage to trace as it is, instead of `town` and `traffic` (path)"
+        default=None, description="an animated USD stage to trace as it is, instead of `town` and `traffic` (path)"
     )
-    traffic: TrafficConfig | None = Field(None, description="moving vehicles; needed with `town` (section)")
-    rsus: tuple[RsuConfig, ...] = Field((), description="roadside units (list)")
+    traffic: TrafficConfig | None = Field(default=None, description="moving vehicles; needed with `town` (section)")
+    rsus: tuple[RsuConfig, ...] = Field(default=(), description="roadside units (list)")
     frames: FramesConfig | None = Field(
-        None, description="frames of this scenario; `frames` of the configuration wins; 1000 without either (section)"
+        default=None,
+        description="frames of this scenario; `frames` of the configuration wins; 1000 without either (section)",
     )
     actor_roles: dict[str, Literal["cav", "vehicle", "rsu", "pedestrian"]] = Field(
         default_factory=dict,
@@ -132,7 +137,7 @@ class ScenarioConfig(Section):
         description="glob of prim path or material name -> radio material (`itu_concrete`), or an entry of a material "
         "map, for prims without `mmw:radio:*` (map)",
     )
-    description: str = Field("", description="what is there, for people (text)")
+    description: str = Field(default="", description="what is there, for people (text)")
 
     @model_validator(mode="after")
     def _one_world(self) -> "ScenarioConfig":

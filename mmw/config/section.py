@@ -1,9 +1,10 @@
 """The base of every section: unknown keys are errors, values never change after validation."""
 
+import os
 from dataclasses import dataclass
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
 """A key of the dataset: letters, digits, `_` and `-`, because it becomes a folder name and a partition value."""
@@ -23,7 +24,10 @@ class InputFile:
     """Endings by which a path is told from a name; every value is a path if empty."""
 
 
-InputPath = Annotated[str, InputFile()]
+PathText = Annotated[str, BeforeValidator(lambda value: os.fspath(value) if isinstance(value, os.PathLike) else value)]
+"""Path as text; Python code may give a path object."""
+
+InputPath = Annotated[PathText, InputFile()]
 """Path of a file or folder that a run reads, relative to the configuration file's folder. Its content is a part of the
 identity of the dataset."""
 
@@ -32,3 +36,21 @@ class Section(BaseModel):
     """A section of the configuration file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=False)
+
+    if not TYPE_CHECKING:  # type checkers read the keys from the fields
+
+        def __init__(self, /, **values: Any) -> None:
+            """Validate the values of the keys.
+
+            Raises:
+                ConfigError: With one line for each problem.
+            """
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                from mmw.config.yaml_file import config_error
+
+                raise config_error(error, type(self).__name__, type(self)) from None
+
+        # Pydantic would call it for sections inside others too, whose errors are lines of the outermost one.
+        __init__.__pydantic_base_init__ = True

@@ -23,11 +23,14 @@ class MountConfig(Section):
     """Mount of a sensor on its agent: x forward, y left, z up from the agent's origin on the ground."""
 
     position_m: Vec3 = Field(
-        (0.0, 0.0, 0.0), description="offset in the agent's frame, x forward, y left, z up, at most 1000 each [m]"
+        default=(0.0, 0.0, 0.0),
+        description="offset in the agent's frame, x forward, y left, z up, at most 1000 each [m]",
     )
-    yaw_deg: float = Field(0.0, ge=-360, le=360, description="turn about z, counter-clockwise seen from above [deg]")
-    pitch_deg: float = Field(0.0, ge=-90, le=90, description="turn about y after yaw, nose down positive [deg]")
-    roll_deg: float = Field(0.0, ge=-180, le=180, description="turn about x after pitch [deg]")
+    yaw_deg: float = Field(
+        default=0.0, ge=-360, le=360, description="turn about z, counter-clockwise seen from above [deg]"
+    )
+    pitch_deg: float = Field(default=0.0, ge=-90, le=90, description="turn about y after yaw, nose down positive [deg]")
+    roll_deg: float = Field(default=0.0, ge=-180, le=180, description="turn about x after pitch [deg]")
 
     @field_validator("position_m")
     @classmethod
@@ -54,7 +57,7 @@ class SensorConfig(Section):
     name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
     on: tuple[Role, ...] = Field(description="agents that carry it: `cav`, `rsu` (list)")
     rate_hz: float = Field(
-        float(FRAME_RATE_HZ),
+        default=float(FRAME_RATE_HZ),
         gt=0,
         le=FRAME_RATE_HZ,
         description="samples a second, 100 / n; frame 0 has the first [Hz]",
@@ -86,9 +89,12 @@ class SensorConfig(Section):
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
     def mount_on(self, role: str) -> MountConfig:
-        """Return the mount for a role; the agent's origin where the file gives none."""
+        """Return the mount for the role of an actor; the actor's origin where the sensor has none.
+
+        A vehicle or a pedestrian that is no agent carries a sensor where a CAV does.
+        """
         mounts: dict[str, MountConfig] = {**self.mount}
-        return mounts.get(role, MountConfig())
+        return mounts.get("cav" if role in ("vehicle", "pedestrian") else role, MountConfig())
 
     @property
     def period_frames(self) -> int:

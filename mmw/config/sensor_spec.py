@@ -61,8 +61,8 @@ class Modality:
 class SensorSpec:
     """One kind of sensor: its configuration, its tables, and how it is simulated.
 
-    A sensor gives either `simulate` and `to_tables`, which are called for each sensor of a configuration, or `capture`
-    where several sensors share their rays.
+    `simulate` gives the samples of one sensor as arrays. A run calls it and makes rows of them by `to_tables`; where
+    several sensors share their rays, or rows are made by threads, it calls `capture` instead.
     """
 
     type: str
@@ -76,11 +76,15 @@ class SensorSpec:
     tables: "tuple[TableSpec, ...]"
     """Tables that the sensor fills, the primary one first. Sensors that fill one table name the same object."""
     simulate: Reference = ""
-    """`(SensorInput, config) -> {weather: samples}`."""
+    """`(SensorInput, config) -> {weather: samples}`. Samples are a dataclass of arrays over the views of the input,
+    with a method `view(index)` that gives one view's (`mmw.sensors.Samples`); others are handed on whole."""
     to_tables: Reference = ""
     """`(SensorInput, config, samples) -> {table: columns}`; frame, agent and sensor are filled in."""
     capture: Reference = ""
-    """`(Batch, sensors, frames, collected)`; kinds that name the same function are captured in one call."""
+    """`(Batch, sensors, frames, collected)`, which adds the rows of sensors; kinds that name the same function are
+    captured in one call, with the functions that `simulate` calls."""
+    warp_output: bool = False
+    """True if `simulate` leaves arrays on the device where `SensorInput.output` says so."""
     shared_tables: tuple[str, ...] = ()
     """Tables of other parts of mmw that the sensor adds rows to, such as `box_visibility`."""
     rows_per_sample: Callable[[Any], Mapping[str, int]] | None = None
@@ -115,16 +119,15 @@ class SensorSpec:
     """
 
     def __post_init__(self) -> None:
-        """Check that the sensor is simulated by exactly one of both interfaces, and that its views are known.
+        """Check that a run has exactly one way to the rows of the sensor, and that its views are known.
 
         Raises:
             InputError: If there is none, or there are two, or a view has another name.
         """
         if unknown := sorted(set(self.views) - set(VIEWS)):
             raise InputError(f"sensor {self.type!r}: view {unknown[0]!r} is not known; name one of {', '.join(VIEWS)}")
-        alone = (bool(self.simulate), bool(self.to_tables))
-        if alone != ((False, False) if self.capture else (True, True)):
-            raise InputError(f"sensor {self.type!r}: give `simulate` and `to_tables`, or `capture` alone")
+        if not self.simulate or bool(self.to_tables) == bool(self.capture):
+            raise InputError(f"sensor {self.type!r}: give `simulate`, and either `to_tables` or `capture`")
 
     def tables_of(self, config: SensorConfig) -> dict[str, int]:
         """Return the tables with a fixed number of rows for each sample of a sensor, and that number."""
@@ -158,7 +161,8 @@ def types_that_fill(table: str) -> tuple[str, ...]:
 def register_sensor(spec: SensorSpec) -> SensorSpec:
     """Register a kind of sensor in this process, for notebooks and tests; packages use an entry point.
 
-    Worker processes import the packages' entry points and do not see it: run with `compute.workers: 1`.
+    Worker processes import the packages' entry points and do not see it. A run that uses it has one worker, therefore;
+    several (`compute.workers`, `compute.engine: ray`) are an error.
 
     Raises:
         InputError: If its type is taken.

@@ -16,10 +16,10 @@ _PYDANTIC_ERRORS = frozenset(get_args(ErrorType))
 
 
 def _by_type(value: Any, info: ValidationInfo) -> Any:
-    """Return the section of the registered kind that `type` names."""
-    if not isinstance(value, dict):
+    """Return the section of the registered kind that `type` names; a section that Python code gives, if it is one."""
+    if not isinstance(value, dict | SensorConfig):
         return value
-    kind = value.get("type")
+    kind = value.get("type") if isinstance(value, dict) else value.type
     if kind is None:
         raise PydanticCustomError("union_tag_not_found", "type is missing")
     if not isinstance(kind, str) or kind not in SENSORS:
@@ -28,6 +28,14 @@ def _by_type(value: Any, info: ValidationInfo) -> Any:
             "union_tag_invalid", "{tag} is unknown; {expected_tags}", {"tag": str(kind), "expected_tags": names}
         )
     section = SENSORS[kind].config
+    if isinstance(value, section):
+        return value
+    if not isinstance(value, dict):
+        raise PydanticCustomError(
+            "sensor_class",
+            "a {found} is no sensor of type {kind}; give a {needed}",
+            {"found": type(value).__name__, "kind": repr(kind), "needed": section.__name__},
+        )
     try:
         # As `mmw.config.yaml_file.validated`: of a file, lists become tuples, but the text "42" is no number.
         if info.mode == "json":

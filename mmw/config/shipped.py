@@ -19,6 +19,10 @@ def config_path(given: str | Path) -> Path:
 
     Raises:
         ConfigError: If neither a file nor a shipped configuration is meant.
+
+    Examples:
+        >>> config_path("quickstart").name
+        'quickstart.yaml'
     """
     path, shipped = Path(given), shipped_configs()
     if path.is_file():

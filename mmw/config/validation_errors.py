@@ -28,25 +28,23 @@ _NEEDED = {
 """Messages that replace pydantic's words about Python types, by its error type."""
 
 
-def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
-    """Return one line for one error of a file whose content is a `root`."""
+def problem_line(place: Path | str, error: ErrorDetails, root: type[BaseModel]) -> str:
+    """Return one line for one error of a file whose content is a `root`, or of what `place` calls it."""
     is_key = error["loc"][-1:] == ("[key]",)  # pydantic's word for the key of a map
     models, key = _walk(error["loc"][:-1] if is_key else error["loc"], root)
-    where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(".") or "the file"
+    where = f"{place}: {key_text(key) or 'the file'}" if key or isinstance(place, Path) else place
     if error["type"] == "extra_forbidden":
         known = sorted({name for model in models for name in keys_of(model)})
         near = difflib.get_close_matches(str(key[-1]), known, n=1)
         cure = f"did you mean `{near[0]}`?" if near else f"known keys here: {', '.join(known)}"
-        return f"{path}: {where} = {_short(error['input'])}: unknown key; {cure}"
+        return f"{where} = {_short(error['input'])}: unknown key; {cure}"
     field = _field(models, key)
     described = (field.description if field else None) or ""
     if error["type"] == "missing" and not isinstance(key[-1], str):  # a tuple that is too short
         where, count = where.rpartition("[")[0], int(key[-1])
-        return f"{path}: {where}: holds {count} or fewer values; more are needed" + (
-            f"; {described}" if described else ""
-        )
+        return f"{where}: holds {count} or fewer values; more are needed" + (f"; {described}" if described else "")
     if error["type"] == "missing":
-        return f"{path}: {where}: missing; add it" + (f" ({described})" if described else "")
+        return f"{where}: missing; add it" + (f" ({described})" if described else "")
     message = _NEEDED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
     message = message.replace("Input should be", "must be")
     context = error.get("ctx", {})
@@ -66,10 +64,16 @@ def problem_line(path: Path, error: ErrorDetails, root: type[BaseModel]) -> str:
     if error["type"] == "union_tag_invalid":
         message = (
             f"type = {_short(context.get('tag'))} is unknown; one of {context.get('expected_tags')} is needed, or the "
-            "package that adds it (entry point group mmw.sensors)"
+            "package that adds it (entry point group mmw.sensors), or a call of mmw.register_sensor"
         )
-    found = "" if is_key or isinstance(error["input"], dict | list) else f" = {_short(error['input'])}"
-    return f"{path}: {where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
+    is_short = not (is_key or isinstance(error["input"], dict | list | tuple | BaseModel))
+    found = f" = {_short(error['input'])}" if is_short else ""
+    return f"{where}{found}: {message[0].lower() + message[1:]}" + (f"; {described}" if described else "")
+
+
+def key_text(key: Sequence[str | int]) -> str:
+    """Return a location in a configuration as text, such as `sensors[0].range_m`."""
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).lstrip(".")
 
 
 def _walk(location: Sequence[str | int], root: type[BaseModel]) -> tuple[list[type[BaseModel]], Key]:

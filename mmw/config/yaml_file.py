@@ -24,7 +24,7 @@ class ConfigError(InputError):
         self._problems = list(problems)
 
     def __reduce__(self) -> tuple[type["ConfigError"], tuple[list[str]]]:
-        """Return what copies it to another process: its problems, not its text."""
+        # It goes to another process by its problems, not by its text.
         return ConfigError, (self._problems,)
 
     @property
@@ -62,8 +62,8 @@ def reason_of(error: yaml.YAMLError) -> str:
     return " ".join(str(getattr(error, "problem", None) or error).split())
 
 
-def validated(model: type[Model], data: Any, path: Path, key: tuple[str, ...] = ()) -> Model:
-    """Return the content of a file, or of its `key`, as a section.
+def validated(model: type[Model], data: Any, place: Path | str, key: tuple[str, ...] = ()) -> Model:
+    """Return the content of a file, or of its `key`, as a section; `place` is the file, or words for what is no file.
 
     Raises:
         ConfigError: With one line for each problem.
@@ -72,8 +72,15 @@ def validated(model: type[Model], data: Any, path: Path, key: tuple[str, ...] = 
         # As JSON, strictly: lists become tuples, but the text "42" is no number and 1 is not true.
         return model.model_validate_json(json.dumps(_whole(data), default=str), strict=True)
     except ValidationError as error:
-        found: list[ErrorDetails] = [{**item, "loc": (*key, *item["loc"])} for item in error.errors()]
-        raise ConfigError([problem_line(path, item, model) for item in found]) from None
+        raise config_error(error, place, model, key) from None
+
+
+def config_error(
+    error: ValidationError, place: Path | str, model: type[BaseModel], key: tuple[str, ...] = ()
+) -> ConfigError:
+    """Return an error of pydantic as one line for each problem, see `validated`."""
+    found: list[ErrorDetails] = [{**item, "loc": (*key, *item["loc"])} for item in error.errors()]
+    return ConfigError([problem_line(place, item, model) for item in found])
 
 
 def _whole(value: Any) -> Any:

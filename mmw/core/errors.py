@@ -3,6 +3,8 @@
 A command prints these as one line each and exits with `exit_code`; see `mmw.cli.command`.
 """
 
+__all__ = ["Error", "InputError", "MissingPackageError", "PluginError"]
+
 
 class Error(Exception):
     """Base class of errors whose message is complete for a user: location, problem, remedy."""
@@ -12,7 +14,16 @@ class Error(Exception):
 
 
 class InputError(Error, ValueError):
-    """Report input that cannot be used: a configuration, a file, an argument or a dataset."""
+    """Report input that cannot be used: a configuration, a file, an argument or a dataset.
+
+    Examples:
+        >>> import mmw
+        >>> try:
+        ...     mmw.open_dataset("nowhere")
+        ... except mmw.InputError as error:
+        ...     print("Error:", error)
+        Error: .../nowhere: has no dataset.json; a dataset folder is needed; give the folder that mmw.run wrote
+    """
 
     exit_code = 2
 

@@ -9,6 +9,9 @@ from mmw.core.errors import InputError
 
 T = TypeVar("T")
 
+REGISTERED = "register()"
+"""Owner of plug-ins that `Registry.register` added: other processes do not have them."""
+
 
 def load_reference(reference: str) -> Any:
     """Import what a `module:attribute` string names."""
@@ -44,16 +47,16 @@ class Registry(Mapping[str, T], Generic[T]):
         """
         if name in self:
             raise InputError(f"{self._what} {name!r}: is registered by {self.owner(name)} already; choose another name")
-        self._added[name] = self._checked(name, plugin, "register()")
+        self._added[name] = self._checked(name, plugin, REGISTERED)
         return plugin
 
     def owner(self, name: str) -> str:
-        """Return the provider of a plug-in: `mmw`, the distribution of an entry point, or `register()`."""
+        """Return the provider of a plug-in: `mmw`, the distribution of an entry point, or `REGISTERED`."""
         if name in self._builtin:
             return "mmw"
         if name in self._entry_points():
             return _owner(self._entry_points()[name])
-        return "register()"
+        return REGISTERED
 
     def __getitem__(self, name: str) -> T:
         if name in self._added:

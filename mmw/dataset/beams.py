@@ -23,6 +23,14 @@ class BeamSearch:
 
     H is averaged over the subcarriers, as in the paper, with the first path of each link at delay 0, as in its files: a
     receiver is synchronised. With the time of flight in H, subcarriers would cancel in the average.
+
+    Examples:
+        >>> import mmw
+        >>> from mmw.channel import ula
+        >>> search = BeamSearch(tx_array=ula(32), rx_array=ula(4), tx_beams=32, rx_beams=8, subcarriers=64)
+        >>> beams = mmw.connect("out/quickstart", search=search)
+        >>> beams.sql("SELECT count(*) FROM beams WHERE frame = 0 AND weather = 'sunny'").fetchall()
+        [(6,)]
     """
 
     tx_array: PlanarArray = field(default_factory=lambda: ula(64))

@@ -12,6 +12,11 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import invert, make_pose, normalize, quaternion_from_ypr, transform_points
 from mmw.sensors.render.projection import project, unproject
 
+__all__ = [
+    "CORNERS", "EDGES", "POSE_COLUMNS", "Camera", "box_corners", "from_world", "intrinsics_from_row", "pose_from_row",
+    "to_world",
+]  # fmt: skip
+
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """Columns of a pose in `poses` and `sensors`."""
 
@@ -34,6 +39,12 @@ def from_world(pose: ArrayLike, points: ArrayLike) -> np.ndarray:
     Args:
         pose: Agent to world or sensor to world, shape [7].
         points: World points [m], shape [..., 3].
+
+    Examples:
+        >>> import numpy as np
+        >>> pose = [10.0, 0.0, 2.0, 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]  # looks north
+        >>> from_world(pose, [10.0, 5.0, 2.0]).round().astype(int).tolist()  # 5 m ahead
+        [5, 0, 0]
     """
     return transform_points(invert(pose), points)
 
@@ -72,7 +83,16 @@ def intrinsics_from_row(row: Mapping[str, Any]) -> Intrinsics:
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera at one instant."""
+    """A camera at one instant.
+
+    Examples:
+        >>> import mmw
+        >>> frame = mmw.open_dataset("out/quickstart").frame("town03_roundabout", "sunny", 0)
+        >>> camera = frame.agents["cav_1"].views["front"].camera
+        >>> pixels = camera.pixels(frame.boxes.corners)  # of all boxes; NaN behind the camera
+        >>> pixels.shape, bool(camera.is_inside(pixels).any())
+        ((20, 8, 2), True)
+    """
 
     intrinsics: Intrinsics
     pose: np.ndarray

@@ -1,10 +1,9 @@
 """Read the tables of a dataset as Arrow, pandas and NumPy; a filter skips folders and row groups."""
 
-import operator
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from functools import cached_property, reduce
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 from urllib.parse import unquote
@@ -20,6 +19,7 @@ from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.files import damage_of, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
+from mmw.dataset.table_reader import check_columns, row_filter
 from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem, version_number
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
@@ -44,16 +44,22 @@ class Dataset:
     """A dataset folder: the files of published shards, those that have a marker.
 
     They are listed once; open it again after a run has added some.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> data.frame("town03_roundabout", "sunny", 0).agents["cav_1"].sensor("lidar").points.shape[1]
+        3
     """
 
     root: Path
     """The folder; in `filesystem` where that is given."""
     filesystem: pafs.FileSystem | None = None
     """None for local files."""
-    _opened: dict[str, pds.Dataset] = field(default_factory=dict, compare=False, repr=False)
-    _checked: set[str] = field(default_factory=set, compare=False, repr=False)
+    _opened: dict[str, pds.Dataset] = field(default_factory=dict, init=False, compare=False, repr=False)
+    _checked: set[str] = field(default_factory=set, init=False, compare=False, repr=False)
     """Files whose columns have been checked."""
-    _parts: "dict[str, Parts]" = field(default_factory=dict, compare=False, repr=False)
+    _parts: "dict[str, Parts]" = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @cached_property
     def info(self) -> dict[str, Any]:
@@ -104,6 +110,13 @@ class Dataset:
         Raises:
             InputError: If the table is not known, has no file, its first file is damaged or lacks a column, or its
                 folder holds others.
+
+        Examples:
+            >>> import mmw
+            >>> import pyarrow.dataset as ds
+            >>> links = mmw.open_dataset("out/quickstart").arrow("links")
+            >>> links.count_rows(filter=(ds.field("frame") == 0) & (ds.field("weather") == "sunny"))
+            6
         """
         spec = self.spec(table)
         if table not in self.tables:
@@ -150,15 +163,19 @@ class Dataset:
 
         Raises:
             InputError: If the table or a column is not known or has no file, or a file is damaged, which is named.
+
+        Examples:
+            >>> import mmw
+            >>> data = mmw.open_dataset("out/quickstart")
+            >>> rows = data.read("poses", columns=["x", "y"], frames=range(0, 2), weather="sunny", agent="cav_1")
+            >>> rows.num_rows, rows.column_names
+            (2, ['x', 'y'])
         """
         given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
-        self._check_columns(table, [*(columns or ()), *(name for name, value in given.items() if value is not None)])
-        conditions = [pds.field(name) == value for name, value in given.items() if value is not None]
-        if frames is not None:
-            conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
-            if abs(frames.step) != 1:
-                conditions.append(pds.field("frame").isin(list(frames)))
-        expression = reduce(operator.and_, conditions) if conditions else None
+        given = {name: value for name, value in given.items() if value is not None}
+        # Those of the files, by the first; reading all of them is slow.
+        check_columns(self.root, table, self.arrow(table).schema.names, [*(columns or ()), *given])
+        expression = row_filter(given, frames)
         part = self._files(table, scenario, weather, frames)
         try:
             self._check_schemas(table, part, expression)
@@ -220,6 +237,12 @@ class Dataset:
         Raises:
             InputError: As `read`.
             MissingPackageError: If pandas is not installed.
+
+        Examples:
+            >>> import mmw
+            >>> links = mmw.open_dataset("out/quickstart").pandas("links", weather="sunny", frames=range(0, 1))
+            >>> links.groupby("agent", observed=True)["path_count"].sum().to_dict()
+            {'cav_1': 4, 'cav_2': 2, 'cav_3': 8}
         """
         with needed_by("Dataset.pandas"):
             return self.read(table, **where).to_pandas()
@@ -235,6 +258,12 @@ class Dataset:
 
         Raises:
             InputError: As `read`.
+
+        Examples:
+            >>> import mmw
+            >>> poses = mmw.open_dataset("out/quickstart").numpy("poses", weather="sunny", frames=range(0, 1))
+            >>> poses["agent"].tolist(), poses["x"].dtype
+            (['cav_1', 'cav_2', 'cav_3', 'rsu_1'], dtype('float64'))
         """
         return arrays_of(self.read(table, **where))
 
@@ -243,6 +272,12 @@ class Dataset:
 
         Raises:
             InputError: If the dataset has no such frame.
+
+        Examples:
+            >>> import mmw
+            >>> frame = mmw.open_dataset("out/quickstart").frame("town03_roundabout", "sunny", 0)
+            >>> list(frame.agents), len(frame.boxes), len(frame.links)
+            (['cav_1', 'cav_2', 'cav_3', 'rsu_1'], 20, 6)
         """
         from mmw.dataset.frame import Frame
 
@@ -257,6 +292,12 @@ class Dataset:
 
         Raises:
             InputError: If there is no channel in the dataset, or no such carrier.
+
+        Examples:
+            >>> import mmw
+            >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 2))
+            >>> paths.link_count, float(paths.carrier_hz)
+            (6, 28000000000.0)
         """
         from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths
 
@@ -295,20 +336,6 @@ class Dataset:
             return found
         return damage_of(self.root, self.spec(table), self.filesystem, paths, error)
 
-    def _check_columns(self, table: str, names: Sequence[str]) -> None:
-        """Check that the files of a table, by the first, have columns; reading all of them is slow.
-
-        Raises:
-            InputError: If one is missing.
-        """
-        known = self.arrow(table).schema.names
-        missing = [name for name in names if name not in known]
-        if not missing:
-            return
-        raise InputError(
-            f"{self.root}: table {table!r}: has no column {', '.join(missing)}; it has {', '.join(known)}; name these"
-        )
-
 
 Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
 """Scenario and weather -> first frame and file of each shard, by frame."""
@@ -341,6 +368,11 @@ def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:
 
     Raises:
         InputError: If the folder is not a dataset, or one of a schema that this version cannot read.
+
+    Examples:
+        >>> data = open_dataset("out/quickstart")
+        >>> "lidar" in data.tables, data.info["config"]["scenarios"][0]["name"]
+        (True, 'town03_roundabout')
     """
     place, found = find_storage(root, filesystem)
     dataset = Dataset(cast(Path, place), found)
@@ -359,5 +391,12 @@ def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:
 def connect(
     root: str | Path, filesystem: Any = None, search: "BeamSearch | None" = None
 ) -> "duckdb.DuckDBPyConnection":
-    """Return a DuckDB connection to the dataset in a folder, see `Dataset.connect` and `open_dataset`."""
+    """Return a DuckDB connection to the dataset in a folder, see `Dataset.connect` and `open_dataset`.
+
+    Examples:
+        >>> connection = connect("out/quickstart")
+        >>> where = "frame = 0 AND weather = 'sunny' AND carrier_hz = 28e9"
+        >>> connection.sql(f"SELECT agent, round(gain_db, 1) FROM links WHERE {where}").fetchall()
+        [('cav_1', -89.5), ('cav_2', -109.1), ('cav_3', -87.5)]
+    """
     return open_dataset(root, filesystem).connect(search)

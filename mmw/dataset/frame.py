@@ -1,10 +1,10 @@
-"""Read one frame of a dataset: agents with their samples, boxes and radio links, decoded at their first use."""
+"""Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -16,6 +16,7 @@ from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
 from mmw.dataset.column_arrays import arrays_of, values_of
+from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
     decode_flow,
     decode_instance,
@@ -25,9 +26,6 @@ from mmw.storage.codecs.images import (
     decode_semantic,
 )
 from mmw.storage.parquet_schema import arrow_schema
-
-if TYPE_CHECKING:
-    from mmw.dataset.dataset import Dataset
 
 Row = dict[str, Any]
 
@@ -237,13 +235,24 @@ class Agent:
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame of one scenario in one weather. Tables are read at their first use and stay with the frame."""
+    """One frame of one scenario in one weather. Tables are read at their first use and stay with the frame.
 
-    data: "Dataset"
+    Examples:
+        >>> import mmw
+        >>> frame = mmw.open_dataset("out/quickstart").frame("town03_roundabout", "sunny", 0)
+        >>> agent = frame.agents["cav_1"]
+        >>> agent.role, agent.pose.shape, agent.views["front"].rgb.shape[-1]
+        ('cav', (7,), 3)
+        >>> [(link.peer, link.carrier_hz, link.is_los) for link in agent.links]
+        [('rsu_1', 4900000000.0, True), ('rsu_1', 28000000000.0, True)]
+    """
+
+    data: TableReader
+    """The dataset, or the tables of a simulated frame."""
     scenario: str
     weather: str
     frame: int
-    _tables: dict[str, pa.Table] = field(default_factory=dict, compare=False, repr=False)
+    _tables: dict[str, pa.Table] = field(default_factory=dict, init=False, compare=False, repr=False)
 
     @property
     def time_s(self) -> float:

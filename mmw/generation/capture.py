@@ -19,7 +19,6 @@ from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.ground_truth.boxes_3d import box_rows, make_boxes
 from mmw.sensors.ground_truth.visibility import trace_sight
 from mmw.sensors.ground_truth.visibility_rows import sight_rows
-from mmw.sensors.sensor_input import SensorInput
 
 
 def capture_frames(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
@@ -65,8 +64,7 @@ def _simulate(
     """Add the rows of a sensor that is simulated by itself."""
     views = sample_views(batch.arrays, frames, sensor)
     with batch.clock.stage(sensor.name, round(len(views) * spec.estimate(sensor).rays)):
-        weathers = {name: batch.weather(name) for name in collected}
-        data = SensorInput(batch.scene, batch.motion, views, weathers, batch.config.seed, batch.scenario.name)
+        data = batch.sensor_input(views, collected)
         with plugin_faults(sensor):
             samples = load_reference(spec.simulate)(data, sensor)
             by_weather = {name: load_reference(spec.to_tables)(data, sensor, samples[name]) for name in collected}

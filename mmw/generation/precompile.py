@@ -1,4 +1,4 @@
-"""Compile the kernels that a configuration certainly needs while its first scene is prepared and read.
+"""Begin what a configuration certainly needs while its first scene is prepared and read: kernels, skies.
 
 Warp compiles a module at the first launch of one of its kernels, which takes a CPU 1 to 10 s each. Its compilers run
 outside Python's lock and make the same object whichever thread or process calls them, so threads compile different
@@ -21,6 +21,7 @@ from filelock import Timeout
 from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
 from mmw.core.bvh_kind import select_bvh
+from mmw.core.registry import load_reference
 from mmw.storage.lock import exclusive_lock
 
 MAX_THREADS = 4
@@ -37,6 +38,12 @@ BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
 
 POLL_S = 0.1
 """Time between two looks at whether another worker has compiled a module [s]."""
+
+
+def warm_up(config: Config, pool: ThreadPoolExecutor) -> list[Future[None]]:
+    """Begin the slow work of sensors that needs no scene, such as skies, in threads."""
+    ahead = dict.fromkeys(spec_of(sensor).warm_up for sensor in config.sensors)
+    return [pool.submit(load_reference(work), config) for work in ahead if work]
 
 
 def needed_modules(config: Config, *, on_gpu: bool = True) -> list[str]:

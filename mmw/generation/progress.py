@@ -1,4 +1,4 @@
-"""Show the progress of a run: a bar on a terminal, one line a batch elsewhere, a summary at the end."""
+"""Show the progress of a run: a bar on a terminal, one line a batch elsewhere, a summary at the end; or only log it."""
 
 import json
 import logging
@@ -34,10 +34,13 @@ class Reporter(Protocol):
 
 
 class Console:
-    """Progress and messages on standard error; standard output is for the summary."""
+    """Progress and messages on standard error; standard output is for the summary. All of them are logged."""
 
-    def __init__(self) -> None:
-        self._rich = RichConsole(stderr=True, highlight=False, soft_wrap=True)
+    def __init__(self, *, is_quiet: bool = False) -> None:
+        """Print nothing if `is_quiet`."""
+        self._is_quiet = is_quiet
+        # Rich would show each line of a notebook as an HTML document of its own, and its bar needs ipywidgets.
+        self._rich = RichConsole(stderr=True, highlight=False, soft_wrap=True, quiet=is_quiet, force_jupyter=False)
         self._progress: Progress | None = None
         self._task = None
         self._warned: set[str] = set()
@@ -69,7 +72,7 @@ class Console:
         self.total, self.done, self.workers = total, done, workers
         self.timer = StageTimer()
         self._fresh = 0
-        if self._rich.is_terminal:
+        if self._rich.is_terminal and not self._is_quiet:
             speed = TextColumn("{task.fields[speed]}", table_column=Column(no_wrap=True))
             self._progress = make_bar(self._rich, speed)
             self._task = self._progress.add_task("setting up", total=total, completed=done, speed="")
@@ -95,9 +98,10 @@ class Console:
         if self._progress:
             self._progress.stop()
             self._progress = None
-        sys.stderr.flush()
         LOGGER.info("%s", text)
-        print(text, flush=True)
+        if not self._is_quiet:
+            sys.stderr.flush()
+            print(text, flush=True)
 
 
 def si(value: float) -> str:

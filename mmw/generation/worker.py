@@ -11,15 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from mmw.config import Config, ScenarioConfig
-from mmw.config.sensor_spec import spec_of
 from mmw.core.cuda import retain_memory, use_blocking_sync
 from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind
 from mmw.core.errors import InputError
-from mmw.core.registry import load_reference
 from mmw.core.temp_files import Owner
 from mmw.generation.configuration_warnings import configuration_warnings
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
-from mmw.generation.precompile import compiled_ahead
+from mmw.generation.precompile import compiled_ahead, warm_up
 from mmw.generation.progress import Reporter
 from mmw.generation.shards import Work
 from mmw.scene.prepare import cached_stage, read_scenario
@@ -105,8 +103,7 @@ class Worker:
         """Begin to compile kernels and to prepare skies in threads."""
         config = self._context.config
         self._kernels = self._compiling.enter_context(compiled_ahead(config, self._device))
-        ahead = dict.fromkeys(spec_of(sensor).warm_up for sensor in config.sensors)
-        self._skies = [self._pool.submit(load_reference(work), config) for work in ahead if work]
+        self._skies = warm_up(config, self._pool)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mmw.scene.load_scene import load_scene
+    from mmw.scene.loading import load_scene
     from mmw.scene.material_handle import MaterialHandle
     from mmw.scene.object_handle import ObjectHandle
     from mmw.scene.radio_devices import Receiver, Transmitter
@@ -23,15 +23,17 @@ _HOME = {
     "Receiver": "radio_devices",
     "Scene": "scene",
     "Transmitter": "radio_devices",
-    "load_scene": "load_scene",
+    "load_scene": "loading",
 }
 """Name -> module that defines it."""
 
 
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # checkers of types would take any name as there
+
+    def __getattr__(name: str) -> Any:
+        if name in _HOME:
+            return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

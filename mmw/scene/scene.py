@@ -363,15 +363,20 @@ class Scene:
         function = load_reference("mmw.sensors.scene_capture:capture")
         return function(self, sensor, pose=pose, actor=actor, velocity=velocity, weather=weather, output=output)
 
-    # --- looking ------------------------------------------------------------------------------------------------------
+    # --- seeing -------------------------------------------------------------------------------------------------------
 
     def show(self, **options: Any) -> Any:
-        """Show the scene in 3-D in a notebook, a window or a file; see `mmw.viz.scene_view.show` for the options."""
-        return load_reference("mmw.viz.scene_view:show")(self, **options)
+        """Show the scene in 3-D: a widget in a notebook, a window in a script, or a file.
+
+        Args:
+            options: Those of `mmw.viz.scene_view.show.show`, such as `paths`, `radio_map`, `clip_z_m` and `save`.
+        """
+        return load_reference("mmw.viz.scene_view.show:show")(self, **options)
 
     def render(self, **options: Any) -> "Image":
-        """Return a picture by the RGB camera with paths and coverage in it, a Pillow image.
+        """Return a picture of the scene by the RGB camera, with paths and coverage drawn in.
 
-        See `mmw.viz.scene_view.render_picture` for the options.
+        Args:
+            options: Those of `mmw.viz.scene_view.picture.render_picture`: `eye`, `look_at`, `paths` and `radio_map`.
         """
-        return load_reference("mmw.viz.scene_view:render_picture")(self, **options)
+        return load_reference("mmw.viz.scene_view.picture:render_picture")(self, **options)

@@ -85,7 +85,7 @@ class Actor:
 
     name: str
     role: str
-    """`cav`, `vehicle`, `rsu` or `pedestrian`."""
+    """`cav`, `vehicle`, `rsu` or `pedestrian`; `free` for a pose in the world that a single sample is taken at."""
     prim_path: str
     model: int
     """Index into `SceneData.models`, -1 for an actor without geometry."""

@@ -82,28 +82,33 @@ def sensor_actors(arrays: SceneData, sensor: SensorConfig) -> np.ndarray:
 
 
 def mount_pose(sensor: SensorConfig, role: str) -> np.ndarray:
-    """Return the sensor-to-agent pose of a sensor on agents of a role (`cav` or `rsu`), shape [7]."""
+    """Return the sensor-to-actor pose of a sensor on actors of a role, shape [7]; see `SensorConfig.mount_on`."""
     mount = sensor.mount_on(role)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 
 def make_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
-    """Return the poses of a sensor in each frame: pose of its agent x mount.
+    """Return the views of all agents that carry a sensor (`sensor_actors`); see `actor_views`."""
+    return actor_views(arrays, frames, sensor, sensor_actors(arrays, sensor))
+
+
+def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, actors: np.ndarray) -> Views:
+    """Return the poses of a sensor on some actors in each frame: pose of the actor x mount.
 
     As in CARLA, a sensor sees its own vehicle: `ignore_instance` is -1.
 
     Args:
         arrays: The scene on the host.
         frames: Frames of the batch; frame `frames[b]` has batch index b.
-        sensor: Sensor, whose `on` and `mount` give its agents and its pose on them.
+        sensor: Sensor, whose `mount` gives its pose on them.
+        actors: Indices of the actors, whether `on` names their roles or not, shape [n].
 
     Returns:
-        One row for every frame and every agent that carries the sensor and is present in that frame.
+        One row for every frame and every one of these actors that is present in that frame.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    actors = sensor_actors(arrays, sensor)
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
     batch_index = np.repeat(np.arange(len(rows), dtype=np.int32), len(actors))
@@ -112,7 +117,7 @@ def make_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -
     is_present = np.isfinite(pose).all(axis=1)
     frame, batch_index = frame[is_present], batch_index[is_present]
     actor, pose = actor[is_present], pose[is_present]
-    mounts = {role: mount_pose(sensor, role) for role in sensor.on}
+    mounts = {role: mount_pose(sensor, role) for role in {arrays.actors[i].role for i in actors}}
     mount = np.array([mounts[arrays.actors[i].role] for i in actor]).reshape(-1, 7)
     pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
     return Views(frame, batch_index, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))

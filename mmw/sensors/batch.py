@@ -1,5 +1,6 @@
 """Hold the context of one scenario's sensors: constant inputs, and the lists that gather its rows."""
 
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -13,10 +14,12 @@ from mmw.kernels.shading import structs as shading
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+from mmw.scene.views import Views
 from mmw.sensors.image_encoder import Encoder
-from mmw.sensors.render.appearance_buffers import AppearanceArrays
+from mmw.sensors.render.appearance_buffers import alpha_cutouts
 from mmw.sensors.rgb.config import RgbCamera
-from mmw.sensors.rgb.simulate import RgbRenderer
+from mmw.sensors.rgb.simulate import RgbRenderer, rgb_renderer
+from mmw.sensors.sensor_input import SensorInput
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,8 @@ class Batch:
     surfaces: SurfaceTable | None
     pool: ThreadPoolExecutor
     clock: StageTimer
-    _rgb: dict[bool, RgbRenderer] = field(default_factory=dict)
+    cache: dict[Any, Any] = field(default_factory=dict)
+    """See `SensorInput.cached`."""
 
     @cached_property
     def encoder(self) -> Encoder:
@@ -47,25 +51,24 @@ class Batch:
         """Return the physical values of a weather by its name."""
         return self.config.air[name].weather(name)
 
+    def sensor_input(self, views: Views, weathers: Iterable[str]) -> SensorInput:
+        """Return the input of a sensor with these views in some weathers."""
+        air = {name: self.weather(name) for name in weathers}
+        seed, scenario = self.config.seed, self.scenario.name
+        return SensorInput(self.scene, self.motion, views, air, seed, scenario, cache=self.cache)
+
     def rgb_camera(self, debug: bool) -> RgbRenderer:
         """Return what renders RGB images in all weathers; textures and skies are made at the first call."""
-        if debug not in self._rgb:
-            weathers = {name: self.weather(name) for name in self.config.weathers}
-            with self.clock.stage("textures and skies"):
-                self._rgb[debug] = RgbRenderer(self.scene, weathers, seed=self.config.seed, debug=debug)
-        return self._rgb[debug]
+        weathers = {name: self.weather(name) for name in self.config.weathers}
+        with self.clock.stage("textures and skies"):
+            return rgb_renderer(self.cache, self.scene, weathers, self.config.seed, debug)
 
     @cached_property
     def alpha_cutouts(self) -> "shading.AppearanceTable | None":
         """Appearance of a scene with cut-out textures, whose holes the rays of all cameras pass; None without any."""
         if self.rgb_sensors:
             return self.rgb_camera(self.rgb_sensors[0].debug).alpha_cutouts
-        first = self.config.weathers[0]
-        found = [material.appearance for material in self.arrays.materials[first]]
-        if not any(entry.opacity_threshold > 0.0 and entry.opacity_texture for entry in found):
-            return None
-        appearance = AppearanceArrays(self.scene).for_weather(first)
-        return appearance if appearance.has_holes else None
+        return alpha_cutouts(self.scene)
 
     def texture_notes(self) -> list[str]:
         """Return the notes for the user on textures, one line each; nothing without RGB cameras."""

@@ -1,7 +1,8 @@
 """Give a sensor what it needs of a batch of frames."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -10,6 +11,9 @@ from mmw.core.random_series import white_series
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views, view_keys
+from mmw.sensors.samples import Output
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,31 @@ class SensorInput:
     """Seed of the configuration."""
     scenario: str
     """Name of the scenario."""
+    output: Output = "numpy"
+    """`warp` asks a sensor with `SensorSpec.warp_output` to leave its arrays on the device."""
+    cache: dict[Any, Any] = field(default_factory=dict)
+    """What sensors keep for later batches of the scene, see `cached`."""
+
+    def cached(self, key: Any, make: Callable[[], T]) -> T:
+        """Return what a sensor keeps for all batches of the scene, such as textures; it is made at the first call.
+
+        Poses may change between batches, and weathers may come; geometry and materials stay.
+
+        Args:
+            key: Names it among those of all sensors.
+            make: Makes it.
+        """
+        if key not in self.cache:
+            self.cache[key] = make()
+        return self.cache[key]
+
+    def keys(self, *stream: str | int) -> np.ndarray:
+        """Return the key of each view's random numbers, shape [A, 2], uint32, from seed, scenario, agent and frame.
+
+        Args:
+            stream: Further names of the stream: the weather, if the numbers depend on it, and the sensor.
+        """
+        return view_keys(self.scene.arrays, self.views, self.seed, self.scenario, *stream)
 
     def normal(self, sensor: str, *stream: str | int, count: int = 1) -> np.ndarray:
         """Return standard normal numbers of each view, shape [A, count], float64.
@@ -39,5 +68,4 @@ class SensorInput:
             stream: Names that distinguish several series of one sensor.
             count: Numbers of a view.
         """
-        keys = view_keys(self.scene.arrays, self.views, self.seed, self.scenario, sensor, *stream)
-        return white_series(keys, [0], count)[:, 0]
+        return white_series(self.keys(sensor, *stream), [0], count)[:, 0]

@@ -16,13 +16,11 @@ from typing import Any
 import pyarrow as pa
 
 from mmw.storage.arrow_tables import check_table, table_from_columns
-from mmw.storage.atomic_files import OutOfSpaceError, write_bytes_atomically
+from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.parquet_writer import ParquetFileBuilder
 from mmw.storage.schemas import SCHEMA_VERSION, table_spec
 from mmw.storage.store import Root, Store, store_of
-
-__all__ = ["OutOfSpaceError", "ShardKey", "ShardWriter", "marker_path", "table_path", "write_scenario", "write_shard"]
 
 MARKERS = "_shards"
 """Folder of the markers; readers skip folders with an underscore."""

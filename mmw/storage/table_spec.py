@@ -12,7 +12,13 @@ NAME = pa.dictionary(pa.int32(), pa.string())
 """Type of names; an int32 index is what pyarrow infers for partition folders."""
 IMAGE = pa.struct([pa.field("bytes", pa.binary()), pa.field("path", pa.string())])
 """An encoded image, as Hugging Face datasets spell it."""
-I8, I16, I32, I64, F32, F64 = pa.int8(), pa.int16(), pa.int32(), pa.int64(), pa.float32(), pa.float64()
+I8, I16, I64 = pa.int8(), pa.int16(), pa.int64()
+I32 = pa.int32()
+"""Type of whole numbers, 32 bits."""
+F32 = pa.float32()
+"""Type of numbers, 32 bits."""
+F64 = pa.float64()
+"""Type of numbers, 64 bits."""
 
 
 def list_of(element: pa.DataType) -> pa.DataType:

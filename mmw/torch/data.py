@@ -17,7 +17,17 @@ Tensors = dict[str, Any]
 
 
 class WindowDataset(Dataset):
-    """Windows by their number, for `DataLoader(..., shuffle=True, collate_fn=collate)` and any sampler."""
+    """Windows by their number, for `DataLoader(..., shuffle=True, collate_fn=collate)` and any sampler.
+
+    Examples:
+        >>> from mmw.dataset.windows import Feature, WindowSpec, open_windows
+        >>> spec = WindowSpec(["poses", Feature("lidar", every=2)], past=2, future=1)
+        >>> windows = open_windows("out/quickstart", spec, weathers=["sunny"], agents=["cav"])
+        >>> from torch.utils.data import DataLoader
+        >>> loader = DataLoader(WindowDataset(windows), batch_size=2, shuffle=True, collate_fn=collate)
+        >>> next(iter(loader))["poses"].shape
+        torch.Size([2, 2, 13])
+    """
 
     def __init__(self, windows: Windows, transform: Callable[[Tensors], Any] | None = None):
         """Make a dataset of windows.
@@ -50,6 +60,19 @@ class WindowStream(IterableDataset):
 
     Windows that overlap share what is read and decoded. Every window comes once an epoch, whatever the number of
     workers and ranks: a shard goes to one worker of one rank as a whole.
+
+    Examples:
+        >>> from mmw.dataset.windows import Feature, WindowSpec, open_windows
+        >>> spec = WindowSpec(["poses", Feature("lidar", every=2)], past=2, future=1)
+        >>> windows = open_windows("out/quickstart", spec, weathers=["sunny"], agents=["cav"])
+        >>> from torch.utils.data import DataLoader
+        >>> stream = WindowStream(windows, batch_size=2, seed=0)
+        >>> for epoch in range(2):
+        ...     stream.set_epoch(epoch)  # another order
+        ...     for batch in DataLoader(stream, batch_size=None):
+        ...         points = batch["lidar"]  # [B, T, N, 4], zeros behind batch["lidar_count"]
+        >>> points.ndim
+        4
     """
 
     def __init__(

@@ -90,7 +90,7 @@ def test_no_field_is_forgotten() -> None:
 
 def test_paths_of_an_included_file_start_from_its_folder(tmp_path: Path) -> None:
     inner = {"scenarios": [SCENARIO, {"name": "b", "stage": "/abs/s.usda"}, {"name": "c", "town": "town03"}]}
-    data = include_scenarios({"scenarios": ["below/inner.yaml"]}, tmp_path / "outer.yaml", lambda path: inner)
+    data = include_scenarios({"scenarios": ["below/inner.yaml"]}, tmp_path, lambda path: inner)
     first, second, third = data["scenarios"]
     assert (first["town"], first["traffic"]["trajectories"]) == ("below/towns/mine.usda", "below/t.csv")
     assert (second["stage"], third["town"]) == ("/abs/s.usda", "town03")

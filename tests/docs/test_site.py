@@ -1,5 +1,6 @@
 """The documentation site: built strictly, nothing loaded from another host."""
 
+import ast
 import os
 import re
 import subprocess
@@ -30,6 +31,7 @@ def loads(page: HtmlPage) -> list[str]:
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("material")
+    pytest.importorskip("mkdocstrings_handlers.python")
     out = tmp_path_factory.mktemp("site")
     result = subprocess.run(
         [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(out)],
@@ -73,3 +75,55 @@ def test_markdown_is_understood_as_it_is_meant(pages: dict[str, HtmlPage]) -> No
         text = page.text_in("p")
         assert not re.search(r"^\s*(?:- |\* |\d+\. |\|)", text, re.M), name
         assert "```" not in text and "](" not in text, name
+
+
+API = {
+    page.stem: re.findall(r"^::: (\S+)$", page.read_text(), re.M)
+    for page in sorted((DOCS / "reference/api").glob("*.md"))
+}
+"""Page of the reference -> public modules on it."""
+
+
+def exported(module: str) -> list[str]:
+    """Return `__all__` of a module without importing it, as the site reads it: PyTorch and matplotlib are extras."""
+    path = ROOT / module.replace(".", "/")
+    source = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    for node in ast.parse(source.read_text()).body:
+        match node:
+            case ast.Assign(targets=[ast.Name(id="__all__")]):
+                return ast.literal_eval(node.value)
+    raise AssertionError(f"{source} has no __all__")
+
+
+def text_below(html: str, name: str) -> str:
+    """Return the documentation of a name: the text between its signature and the next heading."""
+    section = re.split(r"<h\d id=", html.split(f'id="{name}" class="doc doc-heading"')[1])[0]
+    return re.sub(r"<[^>]+>", "", section.split('class="doc doc-contents')[1].partition(">")[2]).strip()
+
+
+@pytest.mark.parametrize("page", API)
+def test_every_public_name_is_documented(page: str, site: Path) -> None:
+    html = (site / "reference" / "api" / f"{page}.html").read_text()
+    assert API[page]
+    for module in API[page]:
+        assert exported(module)
+        for name in exported(module):
+            assert len(text_below(html, f"{module}.{name}").split()) >= 3, f"{module}.{name}"
+
+
+def test_the_reference_names_nothing_private(pages: dict[str, HtmlPage]) -> None:
+    for page in API:
+        html = pages[f"reference/api/{page}.html"]
+        targets = [value for _, key, value in html.attributes if key == "id"]
+        texts = "".join(text for holder, text in html.texts if holder not in ("script", "style"))
+        for text in [*targets, texts]:
+            assert not re.search(r"(?<![\w/])_[A-Za-z]\w*|\._[A-Za-z]\w*", text), (page, text[:99])
+
+
+def test_public_modules_are_on_one_page() -> None:
+    """Modules with `__all__` are public; packages that only gather names of one command are not for users."""
+    modules = [module for page in API.values() for module in page]
+    assert len(modules) == len(set(modules)) >= 9
+    files = {path for path in (ROOT / "mmw").rglob("*.py") if re.search(r"^__all__ = ", path.read_text(), re.M)}
+    names = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in files}
+    assert names == set(modules)

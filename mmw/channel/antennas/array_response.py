@@ -51,6 +51,14 @@ def apply_arrays(
 
     Raises:
         InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
+
+    Examples:
+        >>> import mmw
+        >>> from mmw.channel import ula
+        >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
+        >>> a = apply_arrays(paths, ula(64), ula(16), 28e9)
+        >>> a.shape == (len(paths), 16, 64)
+        True
     """
     if carrier_hz != paths.carrier_hz:
         raise InputError(
@@ -94,6 +102,13 @@ def rotations_from_poses(poses: Any, paths: CarrierPaths, which: Literal["tx", "
 
     Raises:
         InputError: If a column is missing, an agent has two poses in a frame, or the pose of a link's end is not there.
+
+    Examples:
+        >>> import mmw
+        >>> data, frames = mmw.open_dataset("out/quickstart"), range(0, 1)
+        >>> paths = data.paths(28e9, weather="sunny", frames=frames)
+        >>> rotations_from_poses(data.read("poses", weather="sunny", frames=frames), paths, "tx").shape
+        (3, 3, 3)
     """
     if which not in ("tx", "rx"):
         raise InputError(f"rotations_from_poses: which = {which!r}; it is tx or rx")
@@ -143,6 +158,11 @@ def plane_wave_error(
         InputError: If a distance is not above 0.
 
     Source: C. A. Balanis, Antenna Theory, section 4.4 (far-field region).
+
+    Examples:
+        >>> from mmw.channel import ula
+        >>> plane_wave_error(ula(64), [10.0, 100.0], 28e9).round(2).tolist()
+        [0.83, 0.08]
     """
     distance = np.asarray(distance_m, dtype=np.float64)
     if (~(distance > 0)).any():

@@ -27,6 +27,11 @@ class PlanarArray:
 
     Raises:
         InputError: If a count is below 1, a spacing is not above 0, or orientation, pattern or polarization is not one.
+
+    Examples:
+        >>> panel = PlanarArray(num_rows=4, num_cols=8, pattern="tr38901", polarization="cross")
+        >>> panel.element_count, panel.antenna_count
+        (32, 64)
     """
 
     num_rows: int = 1
@@ -130,10 +135,20 @@ class PlanarArray:
 
 
 def ula(count: int, **options: Any) -> PlanarArray:
-    """Return a uniform linear array along the agent's y axis; `options` are the fields of `PlanarArray`."""
+    """Return a uniform linear array along the agent's y axis; `options` are the fields of `PlanarArray`.
+
+    Examples:
+        >>> ula(64, pattern="iso").aperture_m(28e9) > 0.3
+        True
+    """
     return PlanarArray(num_rows=1, num_cols=count, **options)
 
 
 def upa(num_rows: int, num_cols: int, **options: Any) -> PlanarArray:
-    """Return a uniform planar array across the agent's x axis; `options` are the fields of `PlanarArray`."""
+    """Return a uniform planar array across the agent's x axis; `options` are the fields of `PlanarArray`.
+
+    Examples:
+        >>> upa(4, 8).element_positions(28e9).shape
+        (32, 3)
+    """
     return PlanarArray(num_rows=num_rows, num_cols=num_cols, **options)

@@ -48,6 +48,15 @@ class PatternTable:
 
     Raises:
         InputError: If the grid is not increasing, does not span the sphere, or a value is missing or not finite.
+
+    Examples:
+        >>> import numpy as np
+        >>> theta, phi = np.radians(np.arange(0, 181, 5)), np.radians(np.arange(0, 360, 5))
+        >>> beam = np.exp(-4 * (theta[:, None] - np.pi / 2) ** 2 - np.minimum(phi, 2 * np.pi - phi) ** 2)
+        >>> horn = PatternTable(theta, phi, beam)
+        >>> c_theta, c_phi = horn(np.pi / 2, 0.0)  # ahead, on the horizon
+        >>> float(c_theta), float(c_phi)
+        (1.0, 0.0)
     """
 
     theta: np.ndarray

@@ -13,7 +13,6 @@ Source: radio maps by shooting and bouncing rays, as in Sionna RT 2.2 (technical
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 import warp as wp
@@ -22,18 +21,17 @@ from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import PatternName, slant_angles
 from mmw.channel.path_solver.candidates import neighbor_stride
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface
+from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
+from mmw.channel.radio_map.sampled_patterns import pattern_table
+from mmw.channel.radio_map.transmitters import Transmitters
 from mmw.core.bvh import build_bvhs
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
-from mmw.core.transforms import normalize, quaternion_to_matrix, transform_points
 from mmw.kernels.channel import radio_map as kernels
+from mmw.kernels.channel import transmitted_field as fields
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.scene_data import SceneData
-
-BOLTZMANN = 1.380_649e-23
-"""Boltzmann constant [J/K], exact (SI of 2019)."""
 
 RAYS_AT_ONCE = 2**22
 """Maximum number of rays of one kernel launch; it changes no byte of a map."""
@@ -52,139 +50,13 @@ MAX_ELEMENT_GAIN = 8.0
 
 PATTERN_CODES: dict[PatternName, int] = {
     "iso": 0,
-    "dipole": kernels.PATTERN_DIPOLE,
-    "hw_dipole": kernels.PATTERN_HW_DIPOLE,
-    "tr38901": kernels.PATTERN_TR38901,
+    "dipole": fields.PATTERN_DIPOLE,
+    "hw_dipole": fields.PATTERN_HW_DIPOLE,
+    "tr38901": fields.PATTERN_TR38901,
 }
 
 
-@dataclass(frozen=True)
-class Transmitters:
-    """The transmitters of a map."""
-
-    names: tuple[str, ...]
-    position: np.ndarray
-    """Phase center of the array, world frame [m], shape [T, 3], float64."""
-    rotation: np.ndarray
-    """Agent-to-world rotation, shape [T, 3, 3], float64; the array may be turned against its agent."""
-    power_dbm: np.ndarray
-    """Transmit power of each [dBm], shape [T]."""
-    array: PlanarArray = field(default_factory=PlanarArray)
-    """The array that every transmitter has; its pattern is one of the named ones."""
-    precoding: np.ndarray | None = None
-    """Weights p of each transmitter's antennas, shape [T, K], complex: the field is h^T p, p not conjugated. Equal
-    weights of unit norm if None. The norm of p counts as gain."""
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-
-@dataclass(frozen=True)
-class RadioMapConfig:
-    """Settings of the computation of a map."""
-
-    carrier_hz: float
-    """Carrier frequency [Hz]."""
-    samples_per_tx: int = 10_000_000
-    """N: rays of each transmitter."""
-    max_depth: int = 3
-    """Maximum number of reflections (and transmissions) of a ray; 0 is the line of sight."""
-    refraction: bool = False
-    """Follow transmissions through slabs, too."""
-    bandwidth_hz: float = 1e6
-    """Bandwidth of the noise [Hz]. Source of this default and the next: Sionna RT 2.2."""
-    temperature_k: float = 293.0
-    """Temperature of the noise [K]."""
-
-
-@dataclass(frozen=True)
-class RadioMap:
-    """A finished map: T transmitters, C cells."""
-
-    transmitters: Transmitters
-    surface: MeasurementSurface
-    config: RadioMapConfig
-    path_gain: np.ndarray
-    """Mean power gain to an ideal isotropic receiver, transmit pattern and precoding included, shape [T, C], float64;
-    exactly 0 where no ray of the transmitter arrives."""
-
-    @property
-    def path_gain_db(self) -> np.ndarray:
-        """Path gain [dB], shape [T, C]; -inf where nothing arrives."""
-        return _db(self.path_gain)
-
-    @property
-    def received_w(self) -> np.ndarray:
-        """Received power [W], shape [T, C]; 0 where nothing arrives."""
-        return self.path_gain * 10.0 ** ((np.asarray(self.transmitters.power_dbm) - 30.0) / 10.0)[:, None]
-
-    @property
-    def rss_dbm(self) -> np.ndarray:
-        """Received signal strength [dBm], shape [T, C]; -inf where nothing arrives."""
-        return _db(self.received_w) + 30.0
-
-    @property
-    def noise_w(self) -> float:
-        """Thermal noise k_B T B [W]."""
-        return BOLTZMANN * self.config.temperature_k * self.config.bandwidth_hz
-
-    @property
-    def sinr_db(self) -> np.ndarray:
-        """Signal of each transmitter over noise and all others [dB], shape [T, C]; -inf where nothing of it arrives."""
-        power = self.received_w
-        others = np.stack([np.delete(power, row, axis=0).sum(axis=0) for row in range(len(power))])
-        return _db(power / (others + self.noise_w))
-
-    @property
-    def tx_association(self) -> np.ndarray:
-        """Transmitter with the most received power, shape [C], int32; -1 where nothing arrives."""
-        power = self.received_w
-        return np.where(power.max(axis=0) > 0.0, power.argmax(axis=0), -1).astype(np.int32)
-
-
-def _db(power: np.ndarray) -> np.ndarray:
-    with np.errstate(divide="ignore"):
-        return 10.0 * np.log10(power)
-
-
-def actor_transmitters(
-    arrays: SceneData,
-    frame: int,
-    *,
-    role: str = "rsu",
-    mount_m: Sequence[float] = (0.0, 0.0, 4.0),
-    array: PlanarArray | None = None,
-    power_dbm: float = 44.0,
-) -> Transmitters:
-    """Return the actors of a role that are present in a frame, as transmitters.
-
-    Args:
-        arrays: The scene.
-        frame: Frame number.
-        role: `rsu` or `cav`.
-        mount_m: Antenna in the actor's frame [m].
-        array: Antennas; one vertical short dipole by default.
-        power_dbm: Transmit power of each [dBm]; the default is Sionna RT's.
-
-    Raises:
-        InputError: If the scene does not cover the frame, or has no such actor in it.
-    """
-    pose = arrays.poses[arrays.frame_row(frame)]
-    rows = [i for i, actor in enumerate(arrays.actors) if actor.role == role and np.isfinite(pose[i]).all()]
-    if not rows:
-        raise InputError(
-            f"frame {frame}: no actor of role {role!r}; a map needs a transmitter; add one to the scenario"
-        )
-    return Transmitters(
-        names=tuple(arrays.actors[i].name for i in rows),
-        position=transform_points(pose[rows], np.asarray(mount_m, dtype=np.float64)),
-        rotation=quaternion_to_matrix(normalize(pose[rows, 3:])),
-        power_dbm=np.full(len(rows), float(power_dbm)),
-        array=array or PlanarArray(),
-    )
-
-
-def radio_map(
+def solve_radio_map(
     scene: DeviceScene,
     batch_index: int,
     transmitters: Transmitters,
@@ -196,7 +68,8 @@ def radio_map(
 
     Power is summed in whole steps of 2^-43 (one element; 2^-(43 - log2 K) with K antennas) of the power that one
     isotropic ray without losses leaves at right angles, so the same bytes come out for every launch shape and every
-    run on one device. A crossing flatter than cos(theta) = 2^-16 counts as if it were that steep.
+    run on one device. Of a pattern table, the step is relative to its peak. A crossing flatter than
+    cos(theta) = 2^-16 counts as if it were that steep.
 
     Args:
         scene: Town and vehicles, with a batch loaded.
@@ -213,19 +86,65 @@ def radio_map(
         raise InputError(
             f"batch_index {batch_index}: the scene holds {scene.batch_size} frames; load the frame, then give its index"
         )
-    _check(transmitters, config)
-    branches = 2**config.max_depth if config.refraction else 1
-    weight, norm = _weights(transmitters)
-    bits = 62 - 16 - int(np.ceil(np.log2(MAX_ELEMENT_GAIN * transmitters.array.antenna_count)))
-    grid = _grid(scene, surface)
-    shape = (len(transmitters), len(surface))
-    high, low = (wp.zeros(shape, dtype=wp.int64, device=scene.device) for _ in range(2))
-    inputs = [
-        scene.struct,
-        _sources(scene, transmitters, weight, config.carrier_hz),
-        _materials(scene, materials, config.carrier_hz),
-        grid,
-    ]
+    check_samples(config.samples_per_tx, config.max_depth, config.refraction)
+    for name in ("carrier_hz", "bandwidth_hz", "temperature_k"):
+        if not 0.0 < getattr(config, name) < np.inf:
+            raise InputError(
+                f"radio map: {name} = {getattr(config, name):g}; it must be above 0; give a positive number"
+            )
+    inputs = [scene.struct, _materials(scene, materials, config.carrier_hz), _grid(scene, surface)]
+    path_gain = np.zeros((len(transmitters), len(surface)))
+    wavelength = SPEED_OF_LIGHT / config.carrier_hz
+    unit = (wavelength / (4.0 * np.pi)) ** 2 * 4.0 * np.pi / config.samples_per_tx
+    for rows in transmitters.rows_by_array():
+        weight = np.stack([transmitters.weights[row] for row in rows])
+        norm = np.linalg.norm(weight, axis=1)
+        array = transmitters.arrays[rows[0]]
+        sources, peak = map_sources(scene, transmitters, rows, array, weight / norm[:, None], config.carrier_hz)
+        bits = 62 - 16 - int(np.ceil(np.log2(MAX_ELEMENT_GAIN * array.antenna_count)))
+        total = _trace(inputs, sources, (len(rows), len(surface)), batch_index, config, bits)
+        path_gain[rows] = unit * (peak * norm[:, None]) ** 2 * total / surface.area
+    return RadioMap(transmitters, surface, config, path_gain)
+
+
+def check_samples(samples_per_tx: int, max_depth: int, refraction: bool) -> None:
+    """Check how many rays of which depth are followed.
+
+    Raises:
+        InputError: If a number is out of range or not whole, or a cell's sum could overflow.
+    """
+    for name, value in (("samples_per_tx", samples_per_tx), ("max_depth", max_depth)):
+        if not isinstance(value, int | np.integer):
+            raise InputError(f"radio map: {name} = {value!r}; a whole number is needed, such as int(1e7); correct it")
+    if not 1000 <= samples_per_tx <= MAX_RAYS:
+        raise InputError(f"radio map: samples_per_tx = {samples_per_tx}; choose 1000 to {MAX_RAYS:,}")
+    limit = MAX_BRANCHING_DEPTH if refraction else MAX_DEPTH
+    if not 0 <= max_depth <= limit:
+        raise InputError(
+            f"radio map: max_depth = {max_depth}; 0 to {limit} is possible {'with' if refraction else 'without'} "
+            "transmission; choose a number within"
+        )
+    segments = 2 ** (max_depth + 1) - 1 if refraction else max_depth + 1
+    # A segment crosses each of a cell's two triangles once; the low halves of 2^31 crossings fit into 63 bits.
+    if samples_per_tx * segments * 2 > 2**31:
+        raise InputError(
+            f"radio map: {samples_per_tx:,} rays of {segments} segments could overflow a cell's sum; "
+            f"rays times segments must stay within {2**30:,}; use fewer rays or a smaller depth"
+        )
+
+
+def _trace(
+    inputs: Sequence[object],
+    sources: fields.MapSources,
+    shape: tuple[int, int],
+    batch_index: int,
+    config: RadioMapConfig,
+    bits: int,
+) -> np.ndarray:
+    """Return the sum of |E|^2 / cos(theta) in every cell, shape [T, C], of transmitters with one kind of array."""
+    scene, materials, grid = inputs
+    branches, device = 2**config.max_depth if config.refraction else 1, sources.position.device
+    high, low = (wp.zeros(shape, dtype=wp.int64, device=device) for _ in range(2))
     launch = kernels.MapLaunch()
     launch.batch_index = batch_index
     launch.ray_count, launch.stride = config.samples_per_tx, neighbor_stride(config.samples_per_tx)
@@ -234,88 +153,56 @@ def radio_map(
     launch.wavenumber = 2.0 * np.pi * config.carrier_hz / SPEED_OF_LIGHT
     launch.scale = 2.0**bits
     threads = launch.row_count * launch.stride
-    step = max(1, RAYS_AT_ONCE // (len(transmitters) * branches))
+    step = max(1, RAYS_AT_ONCE // (shape[0] * branches))
     for first in range(0, threads, step):
         launch.first = first
         wp.launch(
             kernels.map_kernel,
-            dim=(len(transmitters), min(step, threads - first), branches),
-            inputs=[*inputs, launch],
+            dim=(shape[0], min(step, threads - first), branches),
+            inputs=[scene, sources, materials, grid, launch],
             outputs=[high, low],
-            device=scene.device,
+            device=device,
             block_dim=64,
         )
-    total = np.ldexp(high.numpy().astype(np.float64), 32 - bits) + np.ldexp(low.numpy().astype(np.float64), -bits)
-    wavelength = SPEED_OF_LIGHT / config.carrier_hz
-    unit = (wavelength / (4.0 * np.pi)) ** 2 * 4.0 * np.pi / config.samples_per_tx
-    return RadioMap(transmitters, surface, config, unit * norm[:, None] ** 2 * total / surface.area)
-
-
-def _check(transmitters: Transmitters, config: RadioMapConfig) -> None:
-    """Raise InputError for what cannot be traced."""
-    if not len(transmitters):
-        raise InputError("radio map: no transmitter; a map needs at least one; add one")
-    if not 1000 <= config.samples_per_tx <= MAX_RAYS:
-        raise InputError(f"radio map: samples_per_tx = {config.samples_per_tx}; choose 1000 to {MAX_RAYS:,}")
-    limit = MAX_BRANCHING_DEPTH if config.refraction else MAX_DEPTH
-    if not 0 <= config.max_depth <= limit:
-        raise InputError(
-            f"radio map: max_depth = {config.max_depth}; 0 to {limit} is possible "
-            f"{'with' if config.refraction else 'without'} transmission; choose a number within"
-        )
-    if transmitters.array.pattern not in PATTERN_CODES:
-        raise InputError(
-            f"radio map: its kernel has no pattern table or function; use one of {', '.join(PATTERN_CODES)}"
-        )
-    segments = 2 ** (config.max_depth + 1) - 1 if config.refraction else config.max_depth + 1
-    # A segment crosses each of a cell's two triangles once; the low halves of 2^31 crossings fit into 63 bits.
-    if config.samples_per_tx * segments * 2 > 2**31:
-        raise InputError(
-            f"radio map: {config.samples_per_tx:,} rays of {segments} segments could overflow a cell's sum; "
-            f"rays times segments must stay within {2**30:,}; use fewer rays or a smaller depth"
-        )
-    for name in ("carrier_hz", "bandwidth_hz", "temperature_k"):
-        if not 0.0 < getattr(config, name) < np.inf:
-            raise InputError(
-                f"radio map: {name} = {getattr(config, name):g}; it must be above 0; give a positive number"
-            )
-
-
-def _weights(transmitters: Transmitters) -> tuple[np.ndarray, np.ndarray]:
-    """Return precoding weights of unit norm, shape [T, K], and the norms that were taken out, shape [T]."""
-    shape = (len(transmitters), transmitters.array.antenna_count)
-    given = transmitters.precoding
-    weight = (
-        np.full(shape, shape[1] ** -0.5, dtype=np.complex128) if given is None else np.asarray(given, np.complex128)
-    )
-    norm = np.linalg.norm(weight, axis=1) if weight.shape == shape else np.zeros(1)
-    if weight.shape != shape or not (np.isfinite(norm) & (norm > 0.0)).all():
-        raise InputError(
-            f"radio map: precoding of shape {weight.shape}; finite numbers of shape {shape} (transmitters, antennas) "
-            "are needed, not all 0 in a row; give one row a transmitter"
-        )
-    return weight / norm[:, None], norm
+    return np.ldexp(high.numpy().astype(np.float64), 32 - bits) + np.ldexp(low.numpy().astype(np.float64), -bits)
 
 
 def _pairs(values: np.ndarray) -> np.ndarray:
     return np.stack([values.real, values.imag], axis=-1)
 
 
-def _sources(
-    scene: DeviceScene, transmitters: Transmitters, weight: np.ndarray, carrier_hz: float
-) -> kernels.MapSources:
-    array, device = transmitters.array, scene.device
+def map_sources(
+    scene: DeviceScene,
+    transmitters: Transmitters,
+    rows: np.ndarray,
+    array: PlanarArray,
+    weight: np.ndarray,
+    carrier_hz: float,
+) -> tuple[fields.MapSources, float]:
+    """Return transmitters with one kind of array on the device, and the amplitude that was taken out of its pattern."""
+    device, peak = scene.device, 1.0
     offset = array.element_positions(carrier_hz) @ array.rotation * (carrier_hz / SPEED_OF_LIGHT)
-    sources = kernels.MapSources()
-    sources.position = wp.array(transmitters.position - scene.origin, dtype=wp.vec3d, device=device)
-    sources.rotation = wp.array(transmitters.rotation @ array.rotation, dtype=wp.mat33d, device=device)
+    sources = fields.MapSources()
+    sources.position = wp.array(transmitters.position[rows] - scene.origin, dtype=wp.vec3d, device=device)
+    sources.rotation = wp.array(transmitters.rotation[rows] @ array.rotation, dtype=wp.mat33d, device=device)
     sources.weight = wp.array(_pairs(weight), dtype=wp.vec2d, device=device)
     sources.offset = wp.array(offset, dtype=wp.vec3d, device=device)
     slant = np.repeat(slant_angles(array.polarization), array.element_count)
     sources.slant = wp.array(slant, dtype=wp.float64, device=device)
-    sources.pattern = int(PATTERN_CODES[array.pattern])
     sources.turns_slant = array.polarization_model == "tr38901_1"
-    return sources
+    if isinstance(array.pattern, str):
+        sources.pattern = int(PATTERN_CODES[array.pattern])
+        return sources, peak
+    table = pattern_table(array.pattern)
+    values = np.concatenate([_pairs(table.c_theta), _pairs(np.asarray(table.c_phi))], axis=-1)
+    peak = float(np.linalg.norm(values, axis=-1).max()) or 1.0
+    sources.pattern = int(fields.PATTERN_TABLE)
+    sources.table = wp.array(values / peak, dtype=wp.vec4d, device=device)
+    sources.table_theta = wp.array(table.theta, dtype=wp.float64, device=device)
+    around = np.append(table.phi - table.phi[0], 2.0 * np.pi)
+    sources.table_phi = wp.array(around, dtype=wp.float64, device=device)
+    sources.table_start = float(table.phi[0])
+    return sources, peak
 
 
 def _materials(scene: DeviceScene, materials: tuple[Material, ...], carrier_hz: float) -> kernels.MapMaterials:
@@ -333,11 +220,13 @@ def _materials(scene: DeviceScene, materials: tuple[Material, ...], carrier_hz: 
 
 
 def _grid(scene: DeviceScene, surface: MeasurementSurface) -> kernels.MapGrid:
-    faces = surface.faces
-    corners = (surface.corners.reshape(-1, 3) - scene.origin).astype(np.float32)[faces]
+    corners = (surface.corners.reshape(-1, 3) - scene.origin).astype(np.float32)[surface.faces]
     across = np.cross(*np.moveaxis(corners[:, 1:].astype(np.float64) - corners[:, :1], 1, 0))
+    size = np.linalg.norm(
+        across, axis=1, keepdims=True
+    )  # 0 for a sliver that float32 does not resolve: no ray meets it
     grid = kernels.MapGrid()
     grid.tree, _ = build_bvhs([corners], scene.device)
-    grid.normal = wp.array(across / np.linalg.norm(across, axis=1, keepdims=True), dtype=wp.vec3d, device=scene.device)
-    grid.cell = wp.array(np.arange(len(faces), dtype=np.int32) // 2, dtype=wp.int32, device=scene.device)
+    grid.normal = wp.array(across / np.where(size > 0.0, size, 1.0), dtype=wp.vec3d, device=scene.device)
+    grid.cell = wp.array(surface.cell_of_face, dtype=wp.int32, device=scene.device)
     return grid

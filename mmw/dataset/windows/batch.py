@@ -21,6 +21,13 @@ def make_batch(samples: Sequence[dict[str, Any]], ragged: Ragged = "pad") -> dic
 
     Raises:
         InputError: If there is no sample, arrays of one key differ in shape, or `ragged` is neither.
+
+    Examples:
+        >>> from mmw.dataset.windows import Feature, WindowSpec, open_windows
+        >>> spec = WindowSpec(["poses", Feature("lidar", every=2)], past=2, future=1)
+        >>> windows = open_windows("out/quickstart", spec, weathers=["sunny"], agents=["cav"])
+        >>> make_batch([windows[0], windows[1]])["lidar_count"].shape
+        (2, 1)
     """
     if ragged not in ("pad", "list") or not samples:
         raise InputError(f"make_batch: {len(samples)} samples, ragged = {ragged!r}; give some, and pad or list")

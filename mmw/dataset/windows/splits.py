@@ -42,6 +42,14 @@ def split_windows(
 
     Raises:
         InputError: If a part gets no window, or an argument is out of range.
+
+    Examples:
+        >>> from mmw.dataset.windows import WindowSpec, open_windows
+        >>> spec = WindowSpec(["poses"], past=1)
+        >>> windows = open_windows("out/quickstart", spec, weathers=["sunny"], agents=["cav"])
+        >>> parts = split_windows(windows, by="track", parts={"train": 0.5, "test": 0.5}, gap=0)
+        >>> shared_frames(parts["train"], parts["test"])
+        []
     """
     if by not in ("track", "scenario", "town", "weather"):
         raise InputError(f"split_windows: by = {by!r}; it is track, scenario, town or weather")

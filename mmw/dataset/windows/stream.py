@@ -61,6 +61,14 @@ def stream_batches(
 
     Raises:
         InputError: If there is no such worker, size or buffer is below 1, or a file cannot be read.
+
+    Examples:
+        >>> from mmw.dataset.windows import Feature, WindowSpec, open_windows
+        >>> spec = WindowSpec(["poses", Feature("lidar", every=2)], past=2, future=1)
+        >>> windows = open_windows("out/quickstart", spec, weathers=["sunny"], agents=["cav"])
+        >>> batch = next(stream_batches(windows, 4, seed=1))
+        >>> batch["poses"].shape, batch["lidar"].shape[:2]
+        ((4, 2, 13), (4, 1))
     """
     if buffer < 1 or size < 1:
         raise InputError(f"stream_batches: size = {size}, buffer = {buffer}; both are at least 1")

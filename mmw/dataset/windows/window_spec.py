@@ -24,7 +24,12 @@ OWN_MODALITIES: dict[str, Modality] = {
 
 
 def modalities() -> dict[str, Modality]:
-    """Return every modality by its name: those of no sensor, and those of the registered types of sensors."""
+    """Return every modality by its name: those of no sensor, and those of the registered types of sensors.
+
+    Examples:
+        >>> modalities()["lidar"].columns
+        ('x', 'y', 'z', 'intensity')
+    """
     return OWN_MODALITIES | {name: spec.window for name, spec in SENSORS.items() if spec.window is not None}
 
 
@@ -41,6 +46,12 @@ class Feature:
 
     Raises:
         InputError: If the modality is not known, or has no use for an option that is given.
+
+    Examples:
+        >>> Feature("rgb", sensor="front", every=10).key
+        'rgb_front'
+        >>> Feature("beams", span="future", carrier_hz=28e9).key
+        'future_beams'
     """
 
     modality: str
@@ -137,6 +148,11 @@ class WindowSpec:
 
     Raises:
         InputError: If a length is too small, there is no feature, or two keys are equal.
+
+    Examples:
+        >>> spec = WindowSpec(["poses", Feature("lidar", every=2)], past=4)
+        >>> [spec.offsets(feature).tolist() for feature in spec.all_features]
+        [[-3, -2, -1, 0], [-2, 0]]
     """
 
     features: Sequence[Feature | str]

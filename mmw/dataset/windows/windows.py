@@ -143,6 +143,14 @@ def open_windows(
 
     Raises:
         InputError: If a table or a name is not there, the windows are longer than every track, or none is left.
+
+    Examples:
+        >>> from mmw.dataset.windows import Feature, WindowSpec
+        >>> spec = WindowSpec(["poses", Feature("lidar", every=2)], past=2, future=1)
+        >>> windows = open_windows("out/quickstart", spec, weathers=["sunny"], agents=["cav"])
+        >>> sample = windows[0]
+        >>> sorted(sample), sample["poses"].shape
+        (['lidar', 'lidar_frame', 'now', 'poses', 'poses_frame', 'track'], (2, 13))
     """
     data = dataset if isinstance(dataset, Dataset) else open_dataset(dataset)
     _check_tables(data, spec)

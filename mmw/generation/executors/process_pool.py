@@ -1,4 +1,7 @@
-"""Start worker processes; on Linux by forking a server that has already imported Warp."""
+"""Start worker processes; on Linux by forking a server that has already imported Warp.
+
+They never run the script of the user: it may call `mmw.generate` outside `if __name__ == "__main__"`.
+"""
 
 import multiprocessing
 import os
@@ -8,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from multiprocessing import spawn
 from multiprocessing.context import BaseContext
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -55,12 +59,37 @@ def start_process(target: Callable[..., None], *arguments: Any) -> BaseProcess:
         for delay_s in RETRY_DELAYS_S:
             try:
                 start_server()
-                process.start()
+                _start(process)
                 return process
             except (ConnectionError, EOFError):  # it was killed; it counts as running until all its threads have ended
                 time.sleep(delay_s)
-        process.start()
+        _start(process)
     return process
+
+
+_STARTING = threading.Lock()
+
+
+def _start(process: BaseProcess) -> None:
+    """Start a process that does not run this process's script.
+
+    `multiprocessing` lets each child run it under the name `__mp_main__`, to find what it defines. Workers need
+    nothing of it, and a script without a guard would call `mmw.generate` again in each.
+    """
+    with _STARTING:
+        whole, starter = spawn.get_preparation_data, threading.get_ident()
+
+        def without_script(name: str) -> dict[str, Any]:
+            data = whole(name)
+            if threading.get_ident() != starter:  # a process of the user's own
+                return data
+            return {key: value for key, value in data.items() if not key.startswith("init_main_from_")}
+
+        spawn.get_preparation_data = without_script
+        try:
+            process.start()
+        finally:
+            spawn.get_preparation_data = whole
 
 
 def _context() -> BaseContext:

@@ -3,18 +3,14 @@
 from collections.abc import Sequence
 
 from mmw.sensors.batch import Batch, TableRows
-from mmw.sensors.camera_group.launches import Launch, make_launches, max_pixels
+from mmw.sensors.camera_group.launches import Launch, make_launches, max_pixels, trace_launch
 from mmw.sensors.camera_group.objects import find_visible_objects, record_objects
 from mmw.sensors.depth.capture import check_lists, record_depth
 from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
-from mmw.sensors.render.visibility_buffer import SampleBuffer, depth_images, trace_samples
+from mmw.sensors.render.visibility_buffer import SampleBuffer, depth_images
 from mmw.sensors.rgb.capture import record_rgb, record_surfaces
 from mmw.sensors.rgb.config import RgbCamera
-
-TRACED_RANGE = 1.001
-"""Length of rays over the range of the camera [-]: whether a surface is in range is decided by its depth alone, so that
-an image does not depend on which cameras share its rays. Design value."""
 
 
 def capture_cameras(
@@ -35,9 +31,7 @@ def capture_cameras(
 
 def _record(batch: Batch, launch: Launch, boxes: Boxes, collected: TableRows) -> None:
     with batch.clock.stage(launch.name, launch.pixels):
-        buffer = trace_samples(
-            batch.scene, launch.views, launch.intrinsics, TRACED_RANGE * launch.range_m, batch.alpha_cutouts
-        )
+        buffer = trace_launch(batch.scene, launch, batch.alpha_cutouts)
     for range_m in sorted({camera.sensor.range_m for camera in launch.cameras}):
         _record_range(batch, launch, buffer, range_m, boxes, collected)
     if launch.rgb:

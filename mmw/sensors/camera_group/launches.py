@@ -8,10 +8,13 @@ import warp as wp
 
 from mmw.core.camera_models import Intrinsics
 from mmw.core.transfer import numpy_type, to_host
+from mmw.kernels.shading import structs as shading
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views, join_views, sample_views
 from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.render.projection import intrinsics_of
+from mmw.sensors.render.visibility_buffer import SampleBuffer, trace_samples
 from mmw.sensors.rgb.config import RgbCamera
 
 OWN_KEYS = {"name", "on", "mount"}
@@ -27,6 +30,10 @@ there is room for the scene and everything else. Design value."""
 
 MAX_PIXELS_CPU = 2_000_000
 """The same on a CPU: six images. Design value."""
+
+TRACED_RANGE = 1.001
+"""Length of rays over the range of the camera [-]: whether a surface is in range is decided by its depth alone, so that
+an image does not depend on which cameras share its rays. Design value."""
 
 Camera = RgbCamera | DepthCamera
 
@@ -85,6 +92,18 @@ class Launch:
             yield Launch(self.views.take(slice(begin, end)), self.intrinsics, own)
 
 
+def trace_launch(
+    scene: DeviceScene,
+    launch: Launch,
+    alpha_cutouts: "shading.AppearanceTable | None",
+    *,
+    with_surfaces: bool = True,
+) -> SampleBuffer:
+    """Trace the pixels of a launch; see `trace_samples`."""
+    range_m = TRACED_RANGE * launch.range_m
+    return trace_samples(scene, launch.views, launch.intrinsics, range_m, alpha_cutouts, with_surfaces=with_surfaces)
+
+
 def images_of(images: wp.array, camera: LaunchCamera) -> np.ndarray:
     """Return one camera's images of those of a launch, on the host."""
     rows = camera.rows
@@ -94,6 +113,12 @@ def images_of(images: wp.array, camera: LaunchCamera) -> np.ndarray:
     begin, end = int(rows.min()), int(rows.max()) + 1
     (found,) = to_host([images[begin:end]])
     return found if np.array_equal(rows, np.arange(begin, end)) else found[rows - begin]
+
+
+def single_launches(camera: Camera, views: Views, device: str) -> Iterator[Launch]:
+    """Yield the launches of one camera alone, each as large as a device has memory for."""
+    whole = Launch(views, intrinsics_of(camera), (LaunchCamera(camera, np.arange(len(views))),))
+    yield from whole.pieces(max_pixels(device))
 
 
 def max_pixels(device: str) -> int:

@@ -11,10 +11,9 @@ from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, names, sample_columns
 from mmw.scene.views import Views
-from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, project_boxes
+from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, image_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.tables import EDGES
-from mmw.sensors.ground_truth.visibility import boxed_actors
 from mmw.sensors.render.tone_mapping import SATURATION
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.storage.table_spec import F32, list_of
@@ -86,18 +85,14 @@ def box_2d_rows(
     arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
 ) -> Columns:
     """Return rows of the `boxes_2d` table for one camera; `visible` is in the order of `boxed_actors`."""
-    found = project_boxes(camera, views, boxes)
-    place_of = np.full(len(arrays.actors), -1, dtype=np.int64)
-    wanted = boxed_actors(arrays.actors)
-    place_of[wanted] = np.arange(len(wanted))
-    place = place_of[boxes.actor[found.box]]
-    pixels, bounds = visible.pixels[found.view, place], visible.bounds[found.view, place]
+    found = image_boxes(arrays, views, camera, boxes, visible)
+    view = np.repeat(np.arange(len(views)), np.diff(found.offsets))
     return {
-        **sample_columns(arrays, sensor, views.frame[found.view], views.actor[found.view]),
-        "object_id": boxes.object_id[found.box],
-        "pixels": pixels,
-        **{name: pa.array(bounds[:, i], mask=pixels == 0) for i, name in enumerate(EDGES)},
-        **{f"amodal_{name}": found.amodal[:, i].astype(np.float32) for i, name in enumerate(EDGES)},
-        "truncation": found.truncation.astype(np.float32),
-        "distance": found.distance.astype(np.float32),
+        **sample_columns(arrays, sensor, views.frame[view], views.actor[view]),
+        "object_id": found.object_id,
+        "pixels": found.pixels,
+        **{name: pa.array(found.bounds[:, i], mask=found.pixels == 0) for i, name in enumerate(EDGES)},
+        **{f"amodal_{name}": np.ascontiguousarray(found.amodal[:, i]) for i, name in enumerate(EDGES)},
+        "truncation": found.truncation,
+        "distance": found.distance,
     }

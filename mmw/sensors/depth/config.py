@@ -21,12 +21,14 @@ class DepthCamera(CameraConfig):
     """Lens of every depth camera: a pinhole."""
 
     type: Literal["depth"] = "depth"
-    name: Name = Field("depth", description="sensor name (name)")
-    on: tuple[Role, ...] = Field(("rsu",), description="agents that carry it (list)")
-    fov_deg: float = Field(110.0, gt=0, lt=180, description="horizontal field of view [deg]")
-    range_m: float = Field(655.0, gt=0, le=10_000, description="longest depth; at most 655.35 with `format: png16` [m]")
+    name: Name = Field(default="depth", description="sensor name (name)")
+    on: tuple[Role, ...] = Field(default=("rsu",), description="agents that carry it (list)")
+    fov_deg: float = Field(default=110.0, gt=0, lt=180, description="horizontal field of view [deg]")
+    range_m: float = Field(
+        default=655.0, gt=0, le=10_000, description="longest depth; at most 655.35 with `format: png16` [m]"
+    )
     format: Literal["png16", "float32"] = Field(
-        "png16", description="`png16`: 16-bit centimeters; `float32`: these, and meters before rounding (name)"
+        default="png16", description="`png16`: 16-bit centimeters; `float32`: these, and meters before rounding (name)"
     )
 
     @model_validator(mode="after")

@@ -28,21 +28,19 @@ from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, white_series
 from mmw.core.transforms import compose, normalize
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import mount_pose, sensor_actors
+from mmw.scene.views import Views, mount_pose
 from mmw.sensors.gnss.config import Gnss
+from mmw.sensors.samples import Samples
+from mmw.sensors.sensor_input import SensorInput
 
 SLOWEST = 0.01
 """Speed from which motion has a direction [m/s]; design value."""
 
 
 @dataclass(frozen=True)
-class GnssBatch:
-    """GNSS samples of a batch, ordered by frame, then by actor. A is the number of samples."""
+class GnssSample(Samples):
+    """GNSS samples of A views, or the one of a single view; float64."""
 
-    frame: np.ndarray
-    """Frame number, shape [A], int64."""
-    actor: np.ndarray
-    """Index of the agent in `SceneData.actors`, shape [A], int32."""
     geodetic: np.ndarray
     """Measured latitude [deg], longitude [deg] and altitude [m], shape [A, 3]."""
     geodetic_true: np.ndarray
@@ -54,19 +52,40 @@ class GnssBatch:
     heading: np.ndarray
     """Measured heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
 
+    @property
+    def latitude_deg(self) -> np.ndarray:
+        """Measured latitude, north positive [deg], shape [A]."""
+        return self.geodetic[..., 0]
 
-def make_gnss(arrays: SceneData, frames: Sequence[int], config: Gnss, seed: int, scenario: str) -> GnssBatch:
-    """Return the GNSS samples of every agent that carries the sensor.
+    @property
+    def longitude_deg(self) -> np.ndarray:
+        """Measured longitude, east positive [deg], shape [A]."""
+        return self.geodetic[..., 1]
 
-    The frames around `frames` are differentiated too, so give all batches the same recording.
+    @property
+    def altitude_m(self) -> np.ndarray:
+        """Measured height: above the ellipsoid (`physical`), reference plus z (`carla`) [m], shape [A]."""
+        return self.geodetic[..., 2]
+
+
+def simulate(data: SensorInput, config: Gnss) -> dict[str, GnssSample]:
+    """Return the samples of all views; they are the same in every weather."""
+    samples = make_gnss(data.scene.arrays, data.views, config, data.seed, data.scenario)
+    return dict.fromkeys(data.weathers, samples)
+
+
+def make_gnss(arrays: SceneData, views: Views, config: Gnss, seed: int, scenario: str) -> GnssSample:
+    """Return the GNSS samples of some views.
+
+    The frames around those of the views are differentiated too, so give all batches the same recording.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    numbers = np.array(config.sample_frames(frames), dtype=np.int64)
-    rows = np.array([arrays.frame_row(int(frame)) for frame in numbers], dtype=np.int64)
+    frames, at_frame = np.unique(views.frame, return_inverse=True)
+    actors, of_actor = np.unique(views.actor, return_inverse=True)
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     part = window(rows)
-    actors = sensor_actors(arrays, config)
     pose, velocity = np.full((len(actors), len(rows), 7), np.nan), np.full((len(actors), len(rows), 3), np.nan)
     for column, index in enumerate(actors):
         poses, mount = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role)
@@ -74,10 +93,8 @@ def make_gnss(arrays: SceneData, frames: Sequence[int], config: Gnss, seed: int,
         pose[column] = sensor[rows - part.start]
         velocity[column] = differentiate(sensor).velocity[rows - part.start]
     names = [arrays.actors[index].name for index in actors]
-    measured = _measure(pose, velocity, numbers, config, (seed, scenario), names)
-    keep = np.isfinite(pose).all(axis=-1).T.ravel()
-    values = [np.swapaxes(v, 0, 1).reshape(-1, *v.shape[2:])[keep] for v in measured]
-    return GnssBatch(np.repeat(numbers, len(actors))[keep], np.tile(actors, len(rows))[keep], *values)
+    measured = _measure(pose, velocity, frames, config, (seed, scenario), names)
+    return GnssSample(*(values[of_actor, at_frame] for values in measured))
 
 
 def _measure(

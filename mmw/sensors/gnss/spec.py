@@ -13,7 +13,8 @@ SPEC = SensorSpec(
     kind="scalar",
     config=Gnss,
     tables=(GNSS,),
-    capture="mmw.sensors.gnss.capture:capture_gnss",
+    simulate="mmw.sensors.gnss.simulate:simulate",
+    to_tables="mmw.sensors.gnss.rows:to_tables",
     estimate=lambda config: Estimate(bytes=SAMPLE_BYTES),
     defaults=lambda: (Gnss(),),
     window=Modality(

@@ -13,9 +13,12 @@ from mmw.core.camera_models import Intrinsics
 from mmw.core.transfer import to_host
 from mmw.core.transforms import compose, invert, rotate, transform_points
 from mmw.kernels.camera import boxes_2d as kernels
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.boxes_3d import Boxes
+from mmw.sensors.ground_truth.visibility import boxed_actors
 from mmw.sensors.render.projection import project, unproject
+from mmw.sensors.samples import PointSamples
 
 STRIP = 16
 """Pixels that one thread of the kernel reads."""
@@ -53,8 +56,29 @@ class VisiblePixels:
 
 
 @dataclass(frozen=True)
-class Boxes2d:
-    """2-D boxes; rows are ordered by view, then as the 3-D boxes are. N is their number."""
+class Boxes2d(PointSamples):
+    """2-D boxes of actors in the images of A views, or in that of a single view; N boxes, in the order of the actors.
+
+    Rectangles are (u_min, v_min, u_max, v_max) [px].
+    """
+
+    object_id: np.ndarray
+    """Object id of the actor, shape [N], int32."""
+    pixels: np.ndarray
+    """Number of pixels that show it, shape [N], int32."""
+    bounds: np.ndarray
+    """Rectangle around them, shape [N, 4], int32; no meaning where there is no pixel."""
+    amodal: np.ndarray
+    """Rectangle around the part of its 3-D box that the image frames, hidden or not, shape [N, 4], float32."""
+    truncation: np.ndarray
+    """Share of the rectangle around the whole 3-D box that `amodal` leaves out, 0 to 1, shape [N], float32."""
+    distance: np.ndarray
+    """Distance from the camera to the middle of the 3-D box [m], shape [N], float32."""
+
+
+@dataclass(frozen=True)
+class ProjectedBoxes:
+    """3-D boxes that images frame; rows are ordered by view, then as the 3-D boxes are. N is their number."""
 
     view: np.ndarray
     """View, shape [N], int64."""
@@ -93,7 +117,31 @@ def visible_pixels(object_id: wp.array, wanted: Sequence[int] | np.ndarray) -> V
     return VisiblePixels(count_of, np.concatenate([least, most], axis=2))
 
 
-def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
+def image_boxes(arrays: SceneData, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels) -> Boxes2d:
+    """Return the 2-D boxes in the images of some views.
+
+    Args:
+        arrays: The scene on the host.
+        views: The views, A rows.
+        camera: Intrinsics.
+        boxes: 3-D boxes of the views' frames.
+        visible: Pixels of the actors in the order of `boxed_actors`.
+    """
+    found = project_boxes(camera, views, boxes)
+    place_of = np.full(len(arrays.actors), -1, dtype=np.int64)
+    wanted = boxed_actors(arrays.actors)
+    place_of[wanted] = np.arange(len(wanted))
+    place = place_of[boxes.actor[found.box]]
+    return Boxes2d(
+        np.searchsorted(found.view, np.arange(len(views) + 1)).astype(np.int32),
+        boxes.object_id[found.box],
+        visible.pixels[found.view, place],
+        visible.bounds[found.view, place],
+        *(values.astype(np.float32) for values in (found.amodal, found.truncation, found.distance)),
+    )
+
+
+def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> ProjectedBoxes:
     """Return where the 3-D boxes of each view's frame lie in its image.
 
     A box is cut at the near plane (`NEAR_M`) and at the four sides of the image, not only its rectangle, so `amodal`
@@ -119,7 +167,7 @@ def project_boxes(camera: Intrinsics, views: Views, boxes: Boxes) -> Boxes2d:
     rectangle = framed[is_framed]
     share = _area(rectangle) / np.maximum(_area(whole[is_framed]), np.finfo(np.float64).tiny)
     distance = np.linalg.norm(middle[is_framed], axis=1)
-    return Boxes2d(view[is_framed], box[is_framed], rectangle, np.clip(1.0 - share, 0.0, 1.0), distance)
+    return ProjectedBoxes(view[is_framed], box[is_framed], rectangle, np.clip(1.0 - share, 0.0, 1.0), distance)
 
 
 def _may_be_framed(camera: Intrinsics, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:

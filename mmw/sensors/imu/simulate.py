@@ -20,7 +20,6 @@ The readings do not depend on which frames are asked for, as long as the same re
 Source: sign and frame as CARLA 0.9.15 `sensor.other.imu`, in a right-handed frame.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,9 +29,11 @@ from mmw.core.geodesy import sensor_heading
 from mmw.core.kinematics import differentiate, window
 from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import mount_pose, sensor_actors
+from mmw.scene.views import Views, mount_pose
 from mmw.sensors.imu.config import Imu
 from mmw.sensors.imu.noise import imu_errors
+from mmw.sensors.samples import Samples
+from mmw.sensors.sensor_input import SensorInput
 
 GRAVITY_W = np.array([0.0, 0.0, GRAVITY])
 """Specific force at rest, world frame [m/s^2]."""
@@ -42,42 +43,44 @@ LEFT_HANDED = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]])
 
 
 @dataclass(frozen=True)
-class ImuBatch:
-    """IMU samples of a batch in the axes of `Imu.handedness`, ordered by frame, then by actor; [A] or [A, 3]."""
+class ImuSample(Samples):
+    """IMU samples of A views, or the one of a single view, in the axes of `Imu.handedness`; float64."""
 
-    frame: np.ndarray
-    """Frame number, shape [A], int64."""
-    actor: np.ndarray
-    """Index of the agent in `SceneData.actors`, shape [A], int32."""
     accel: np.ndarray
-    """Specific force as measured [m/s^2]."""
+    """Specific force as measured [m/s^2], shape [A, 3]."""
     gyro: np.ndarray
-    """Angular rate as measured [rad/s]."""
+    """Angular rate as measured [rad/s], shape [A, 3]."""
     accel_true: np.ndarray
-    """Specific force without errors and lag [m/s^2]."""
+    """Specific force without errors and lag [m/s^2], shape [A, 3]."""
     gyro_true: np.ndarray
-    """Angular rate without errors [rad/s]."""
+    """Angular rate without errors [rad/s], shape [A, 3]."""
     accel_bias: np.ndarray
-    """Bias in the measured specific force [m/s^2]."""
+    """Bias in the measured specific force [m/s^2], shape [A, 3]."""
     gyro_bias: np.ndarray
-    """Bias in the measured angular rate [rad/s]."""
+    """Bias in the measured angular rate [rad/s], shape [A, 3]."""
     compass: np.ndarray
     """True heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
 
 
-def make_imu(arrays: SceneData, frames: Sequence[int], config: Imu, seed: int, scenario: str) -> ImuBatch:
-    """Return the IMU samples of every agent that carries the sensor.
+def simulate(data: SensorInput, config: Imu) -> dict[str, ImuSample]:
+    """Return the samples of all views; they are the same in every weather."""
+    samples = make_imu(data.scene.arrays, data.views, config, data.seed, data.scenario)
+    return dict.fromkeys(data.weathers, samples)
 
-    The frames around `frames` are differentiated too, so give all batches the same recording.
+
+def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: str) -> ImuSample:
+    """Return the IMU samples of some views.
+
+    The frames around those of the views are differentiated too, so give all batches the same recording.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    frames = config.sample_frames(frames)
-    rows = np.array([arrays.frame_row(frame) for frame in frames], dtype=np.int64)
+    frames, at_frame = np.unique(views.frame, return_inverse=True)
+    actors, of_actor = np.unique(views.actor, return_inverse=True)
+    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     lag = config.accel_lag_frames
     part = window(np.concatenate([rows, np.maximum(rows - lag, 0)]))
-    actors = sensor_actors(arrays, config)
     shape = (2, len(actors), len(rows), 3)
     true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
     late = np.full(shape, np.nan) if lag else true
@@ -92,14 +95,8 @@ def make_imu(arrays: SceneData, frames: Sequence[int], config: Imu, seed: int, s
     errors = imu_errors(config, frames, seed, scenario, [arrays.actors[index].name for index in actors])
     distorted = np.sum(errors.distortion[:, :, None] * late[..., None, :], axis=-1)
     read = distorted + errors.bias + errors.noise
-    keep = np.isfinite(true).all(axis=(0, 3)).T.ravel()
-
-    def samples(values: np.ndarray) -> np.ndarray:  # [..., A, F, 3] to [..., rows, 3], by frame
-        return np.swapaxes(values, -3, -2).reshape(*values.shape[:-3], -1, 3)[..., keep, :]
-
-    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))[keep]
-    actor = np.tile(actors, len(rows))[keep]
-    return ImuBatch(frame, actor, *samples(read), *samples(true), *samples(errors.bias), compass.T.ravel()[keep])
+    samples = (values[:, of_actor, at_frame] for values in (read, true, errors.bias))
+    return ImuSample(*(triad for pair in samples for triad in pair), compass[of_actor, at_frame])
 
 
 def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:

@@ -16,46 +16,65 @@ CHANNELS = 64
 
 
 class Lidar(SensorConfig):
-    """A spinning LiDAR; one whole turn a frame."""
+    """A spinning LiDAR; one whole turn a frame.
+
+    Examples:
+        >>> lidar = Lidar(channels=64, range_m=120.0)
+        >>> lidar.points_per_channel, lidar.on
+        (469, ('cav', 'rsu'))
+    """
 
     type: Literal["lidar"] = "lidar"
-    name: Name = Field("lidar", description="sensor name (name)")
-    on: tuple[Role, ...] = Field(("cav", "rsu"), description="agents that carry it (list)")
+    name: Name = Field(default="lidar", description="sensor name (name)")
+    on: tuple[Role, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
     mount: dict[Role, MountConfig] = mounts_at(cav=(0, 0, 2.5), rsu=(0, 0, 4.0))
     mode: Literal["carla", "physical"] = Field(
-        "physical", description="CARLA's LiDAR, or materials, weather and a link budget (name)"
+        default="physical", description="CARLA's LiDAR, or materials, weather and a link budget (name)"
     )
-    channels: int = Field(CHANNELS, ge=1, le=256, description="laser channels, index 0 the highest (count)")
-    points_per_channel: int = Field(469, ge=1, le=8192, description="azimuth steps of a turn (count)")
-    range_m: float = Field(120.0, gt=0, le=1000, description="longest range [m]")
-    upper_fov_deg: float = Field(2.0, ge=-90, le=90, description="elevation of channel 0 [deg]")
-    lower_fov_deg: float = Field(-25.0, ge=-90, le=90, description="elevation of the last channel [deg]")
+    channels: int = Field(default=CHANNELS, ge=1, le=256, description="laser channels, index 0 the highest (count)")
+    points_per_channel: int = Field(default=469, ge=1, le=8192, description="azimuth steps of a turn (count)")
+    range_m: float = Field(default=120.0, gt=0, le=1000, description="longest range [m]")
+    upper_fov_deg: float = Field(default=2.0, ge=-90, le=90, description="elevation of channel 0 [deg]")
+    lower_fov_deg: float = Field(default=-25.0, ge=-90, le=90, description="elevation of the last channel [deg]")
     elevations_deg: tuple[float, ...] | None = Field(
-        None,
+        default=None,
         max_length=256,
         description="elevation of each channel from top to bottom; none: evenly between the two limits [deg]",
     )
-    horizontal_fov_deg: float = Field(360.0, gt=0, le=360, description="sector that is swept, about forward [deg]")
+    horizontal_fov_deg: float = Field(
+        default=360.0, gt=0, le=360, description="sector that is swept, about forward [deg]"
+    )
 
-    returns: Literal["strongest", "last", "dual"] = Field("strongest", description="which returns a ray gives (name)")
-    preset: LidarPreset = Field("hdl64", description="laser and receiver of `physical` (name)")
+    returns: Literal["strongest", "last", "dual"] = Field(
+        default="strongest", description="which returns a ray gives (name)"
+    )
+    preset: LidarPreset = Field(default="hdl64", description="laser and receiver of `physical` (name)")
     optics: LidarOpticsConfig = Field(
         default_factory=LidarOpticsConfig, description="values of the laser and receiver other than the preset's (map)"
     )
     detection: Literal["relative", "absolute"] = Field(
-        "relative", description="relative: nothing is lost in clear dry air; absolute: the link budget decides (name)"
+        default="relative",
+        description="relative: nothing is lost in clear dry air; absolute: the link budget decides (name)",
     )
     detection_margin_db: float = Field(
-        3.0, ge=0, le=60, description="what weather may take from a weak surface in `relative` before it is lost [dB]"
+        default=3.0,
+        ge=0,
+        le=60,
+        description="what weather may take from a weak surface in `relative` before it is lost [dB]",
     )
     carla: CarlaLidarConfig = Field(
         default_factory=CarlaLidarConfig, description="CARLA's attributes, for `carla` (map)"
     )
-    rolling: bool = Field(False, description="fire through the 10 ms before the frame instead of at once (true/false)")
-    deskew: bool = Field(
-        False, description="with `rolling`: store points in the sensor's frame at the frame's instant (true/false)"
+    rolling: bool = Field(
+        default=False, description="fire through the 10 ms before the frame instead of at once (true/false)"
     )
-    scene_flow: bool = Field(False, description="store how far each point moves until the next frame (true/false)")
+    deskew: bool = Field(
+        default=False,
+        description="with `rolling`: store points in the sensor's frame at the frame's instant (true/false)",
+    )
+    scene_flow: bool = Field(
+        default=False, description="store how far each point moves until the next frame (true/false)"
+    )
 
     @field_validator("elevations_deg")
     @classmethod

@@ -14,21 +14,23 @@ LidarPreset = Literal["hdl64", "modern64", "nir1550", "lisa"]
 class LidarOpticsConfig(Section):
     """Laser and receiver, the fields of `LidarOptics`. What is left out comes from the sensor's `preset`."""
 
-    wavelength_nm: int | None = Field(None, description="wavelength of the laser, 905 or 1550 [nm]")
-    aperture_m: float | None = Field(None, description="diameter of the beam at the sensor [m]")
-    divergence: float | None = Field(None, description="full angle by which the beam widens [rad]")
+    wavelength_nm: int | None = Field(default=None, description="wavelength of the laser, 905 or 1550 [nm]")
+    aperture_m: float | None = Field(default=None, description="diameter of the beam at the sensor [m]")
+    divergence: float | None = Field(default=None, description="full angle by which the beam widens [rad]")
     min_power: float | None = Field(
-        None, description="weakest return: reflectance over squared range, such as 0.1 / 50^2 [1/m2]"
+        default=None, description="weakest return: reflectance over squared range, such as 0.1 / 50^2 [1/m2]"
     )
-    overlap_start_m: float | None = Field(None, description="range where the receiver begins to see the beam [m]")
-    overlap_full_m: float | None = Field(None, description="range from which it sees all of the beam [m]")
-    pulse_s: float | None = Field(None, description="half-power length of the pulse; 0: fog has no echo [s]")
-    nearest_m: float | None = Field(None, description="nearest range of an echo of rain or fog [m]")
+    overlap_start_m: float | None = Field(
+        default=None, description="range where the receiver begins to see the beam [m]"
+    )
+    overlap_full_m: float | None = Field(default=None, description="range from which it sees all of the beam [m]")
+    pulse_s: float | None = Field(default=None, description="half-power length of the pulse; 0: fog has no echo [s]")
+    nearest_m: float | None = Field(default=None, description="nearest range of an echo of rain or fog [m]")
     range_resolution_m: float | None = Field(
-        None, description="range resolution: the noise is this over sqrt(2 SNR); 0 for no noise [m]"
+        default=None, description="range resolution: the noise is this over sqrt(2 SNR); 0 for no noise [m]"
     )
     drop_backscatter: float | None = Field(
-        None, description="backscatter efficiency of a rain drop; left out, that of the wavelength [-]"
+        default=None, description="backscatter efficiency of a rain drop; left out, that of the wavelength [-]"
     )
 
     def over(self, preset: LidarPreset) -> LidarOptics:
@@ -43,8 +45,10 @@ class LidarOpticsConfig(Section):
 class CarlaLidarConfig(Section):
     """Attributes of CARLA 0.9.15's `sensor.lidar.ray_cast`; the defaults are the paper's."""
 
-    atmosphere_attenuation_rate: float = Field(0.004, ge=0, le=10, description="decay of the intensity [1/m]")
-    dropoff_general_rate: float = Field(0.0, ge=0, le=1, description="share of rays that are lost anyway [-]")
-    dropoff_intensity_limit: float = Field(1.0, ge=0, le=1, description="intensity above which nothing is lost [-]")
-    dropoff_zero_intensity: float = Field(0.4, ge=0, le=1, description="share lost at intensity 0 [-]")
-    noise_stddev: float = Field(0.0, ge=0, le=10, description="standard deviation of the range [m]")
+    atmosphere_attenuation_rate: float = Field(default=0.004, ge=0, le=10, description="decay of the intensity [1/m]")
+    dropoff_general_rate: float = Field(default=0.0, ge=0, le=1, description="share of rays that are lost anyway [-]")
+    dropoff_intensity_limit: float = Field(
+        default=1.0, ge=0, le=1, description="intensity above which nothing is lost [-]"
+    )
+    dropoff_zero_intensity: float = Field(default=0.4, ge=0, le=1, description="share lost at intensity 0 [-]")
+    noise_stddev: float = Field(default=0.0, ge=0, le=10, description="standard deviation of the range [m]")

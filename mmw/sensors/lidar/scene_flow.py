@@ -5,7 +5,7 @@ import numpy as np
 from mmw.core.transforms import conjugate, invert, rotate, transform_points
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import Views
-from mmw.sensors.lidar.simulate import PointCloud
+from mmw.sensors.lidar.points import PointCloud
 
 FLOW_STEPS_PER_METRE = 65_536.0
 """Grid of stored flow [1/m]: a power of two, so that float32 holds every grid point and compresses well."""
@@ -25,7 +25,7 @@ def scene_flow(arrays: SceneData, views: Views, points: PointCloud) -> np.ndarra
         points: Their points, in the sensor frame at the frame's instant.
 
     Returns:
-        Flow along x, y and z on a grid of 1/65536 m, shape [3, N], float32.
+        Flow along x, y and z on a grid of 1/65536 m, shape [N, 3], float32; a column is one piece of memory.
     """
     highest = max((o.object_id for o in arrays.objects), default=-1)
     highest = max(highest, *(actor.object_id for actor in arrays.actors), int(points.object_id.max(initial=-1)))
@@ -37,7 +37,7 @@ def scene_flow(arrays: SceneData, views: Views, points: PointCloud) -> np.ndarra
     moving = np.flatnonzero(actor >= 0)
     flow = np.zeros((3, len(actor)), dtype=np.float32)
     if len(moving) == 0:
-        return flow
+        return flow.T
     view = np.repeat(np.arange(len(views)), np.diff(points.offsets))[moving]
     row = np.array([arrays.frame_row(int(frame)) for frame in views.frame])[view]
     before, here, after = (_poses(arrays, row + step, actor[moving]) for step in (-1, 0, 1))
@@ -50,7 +50,7 @@ def scene_flow(arrays: SceneData, views: Views, points: PointCloud) -> np.ndarra
     step = transform_points(end, transform_points(invert(start), world)) - world
     turned = rotate(conjugate(views.pose[view, 3:]), step)
     flow[:, moving] = (np.round(turned * FLOW_STEPS_PER_METRE) / FLOW_STEPS_PER_METRE).T
-    return flow
+    return flow.T
 
 
 def _poses(arrays: SceneData, row: np.ndarray, actor: np.ndarray) -> np.ndarray:

@@ -3,14 +3,15 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import Motion, differentiate
+from mmw.core.random_keys import random_key
 from mmw.core.transfer import to_host
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
@@ -18,39 +19,40 @@ from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views, view_twists
 from mmw.sensors.lidar.config import Lidar
+from mmw.sensors.lidar.points import PointCloud
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
+from mmw.sensors.lidar.scene_flow import scene_flow
 from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
+from mmw.sensors.samples import Array, Output
+from mmw.sensors.sensor_input import SensorInput
 
 
-@dataclass(frozen=True)
-class PointCloud:
-    """Point clouds of a batch in one weather.
+def simulate(data: SensorInput, config: Lidar) -> dict[str, PointCloud]:
+    """Return the sweeps of all views in each weather."""
+    return dict(sweeps(data, config))
 
-    A views, N returns in all. The returns of view a are rows `offsets[a]` to `offsets[a + 1]`, channel by channel from
-    the top, in firing order, of one ray the strongest before the last; rays without a return have no row.
+
+def sweeps(data: SensorInput, config: Lidar) -> Iterator[tuple[str, PointCloud]]:
+    """Trace the sweeps of all views once, and yield them in one weather after the other.
+
+    In `carla` the random numbers are the same in every weather, because weather does nothing there.
     """
+    arrays = data.scene.arrays
+    hits = trace_lidar_hits(data.scene, data.views, config, data.motion)
+    for name, weather in data.weathers.items():
+        keys = data.keys(name if config.mode == "physical" else "", config.name)
+        patch_key = random_key(data.seed, data.scenario, name, "fog")
+        points = find_lidar_returns(hits, arrays.materials[name], weather, keys, patch_key, output=data.output)
+        yield name, _with_flow(data, points) if config.scene_flow else points
 
-    offsets: np.ndarray
-    """First return of every view, and N, shape [A + 1], int32."""
-    x: np.ndarray
-    """Forward in the sensor frame, on a grid of 1/1024 m, shape [N], float32."""
-    y: np.ndarray
-    """Left in the sensor frame, on a grid of 1/1024 m, shape [N], float32."""
-    z: np.ndarray
-    """Up in the sensor frame, on a grid of 1/1024 m, shape [N], float32."""
-    intensity: np.ndarray
-    """0 to 1 on a grid of 1/256, shape [N], float32: received power x range^2, in `carla` exp(-rate d)."""
-    ring: np.ndarray
-    """Channel, 0 the highest, shape [N], uint8."""
-    object_id: np.ndarray
-    """Object that was hit, -1 for rain and fog, shape [N], int32."""
-    label: np.ndarray
-    """0 surface, 1 rain, 2 fog, shape [N], uint8."""
-    time_offset: np.ndarray
-    """Time of firing after the frame's instant [s], -0.01 to 0, shape [N], float32; 0 for a still picture."""
-    return_number: np.ndarray
-    """0 the strongest or only return of its ray, 1 the last one of two, shape [N], uint8."""
+
+def _with_flow(data: SensorInput, points: PointCloud) -> PointCloud:
+    if data.output == "numpy":
+        return replace(points, scene_flow=scene_flow(data.scene.arrays, data.views, points))
+    values, object_id = to_host([points.values, points.object_id])
+    flow = scene_flow(data.scene.arrays, data.views, replace(points, values=values, object_id=object_id))
+    return replace(points, scene_flow=wp.array(flow, dtype=float, device=data.scene.device))
 
 
 def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | None = None) -> LidarHits:
@@ -105,6 +107,8 @@ def find_lidar_returns(
     weather: Weather,
     keys: np.ndarray,
     patch_key: tuple[int, int] = (0, 0),
+    *,
+    output: Output = "numpy",
 ) -> PointCloud:
     """Return the point clouds of traced hits in one weather.
 
@@ -114,17 +118,24 @@ def find_lidar_returns(
         weather: Physical values of the weather; `carla` looks at neither.
         keys: Key of each view's random numbers (`mmw.scene.views.view_keys`), shape [A, 2], uint32.
         patch_key: Key of the patches of fog, one for all sensors and frames of a scenario (`random_key`).
+        output: `warp` leaves the points on the device.
 
     Raises:
         InputError: If there are no materials, or not one key a view.
     """
     offsets, points = shade_on_device(hits, materials, weather, keys, patch_key)
-    count = int(offsets[-1])
-    values, object_id, marks, time_offset = to_host([points.values, points.object_id, points.marks, points.time_offset])
-    x, y, z, intensity = values
-    ring, label, *number = marks
+    found = [points.values, points.object_id, points.marks, points.time_offset]
+    values, object_id, marks, time_offset = to_host(found) if output == "numpy" else found
+    ring, label = marks[0], marks[1]
     return PointCloud(
-        offsets, x, y, z, intensity, ring, object_id, label,
-        time_offset if hits.config.rolling else np.zeros(count, dtype=np.float32),
-        number[0] if number else np.zeros(count, dtype=np.uint8),
+        offsets, values.transpose(), ring, object_id, label,
+        time_offset if hits.config.rolling else _zeros(points.object_id, wp.float32, output),
+        marks[2] if hits.config.returns == "dual" else _zeros(points.object_id, wp.uint8, output),
     )  # fmt: skip
+
+
+def _zeros(like: wp.array, dtype: type, output: Output) -> Array:
+    """Return zeros for each return of a column."""
+    if output == "numpy":
+        return np.zeros(like.shape, dtype=wp.dtype_to_numpy(dtype))
+    return wp.zeros(like.shape, dtype=dtype, device=like.device)

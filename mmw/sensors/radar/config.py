@@ -32,59 +32,74 @@ class Radar(SensorConfig):
     """
 
     type: Literal["radar"] = "radar"
-    name: Name = Field("radar", description="sensor name (name)")
-    on: tuple[Role, ...] = Field(("rsu",), description="agents that carry it (list)")
+    name: Name = Field(default="radar", description="sensor name (name)")
+    on: tuple[Role, ...] = Field(default=("rsu",), description="agents that carry it (list)")
     mount: dict[Role, MountConfig] = mounts_at(rsu=(0, 0, 4.1), cav=(2.5, 0, 0.6))
-    mode: Literal["carla", "physical"] = Field("physical", description="CARLA's radar, or a link budget (name)")
+    mode: Literal["carla", "physical"] = Field(default="physical", description="CARLA's radar, or a link budget (name)")
     output: Literal["detections", "dense"] = Field(
-        "detections", description="in `physical`: what is detected, or every ray that hits something (name)"
+        default="detections", description="in `physical`: what is detected, or every ray that hits something (name)"
     )
-    horizontal_fov_deg: float = Field(110.0, gt=0, lt=180, description="horizontal field of view [deg]")
-    vertical_fov_deg: float = Field(30.0, gt=0, lt=180, description="vertical field of view [deg]")
+    horizontal_fov_deg: float = Field(default=110.0, gt=0, lt=180, description="horizontal field of view [deg]")
+    vertical_fov_deg: float = Field(default=30.0, gt=0, lt=180, description="vertical field of view [deg]")
     range_m: float = Field(
-        100.0, gt=0, le=1000, description="longest distance; in `carla` the distance of CARLA's plane of targets [m]"
+        default=100.0,
+        gt=0,
+        le=1000,
+        description="longest distance; in `carla` the distance of CARLA's plane of targets [m]",
     )
-    points: int = Field(2000, ge=1, le=1_000_000, description="rays of a sample in `carla` (count)")
+    points: int = Field(default=2000, ge=1, le=1_000_000, description="rays of a sample in `carla` (count)")
 
-    azimuth_rays: int = Field(220, ge=1, le=4096, description="columns of the grid of rays in `physical` (count)")
-    elevation_rays: int = Field(60, ge=1, le=4096, description="rows of the grid of rays in `physical` (count)")
-    carrier_hz: float = Field(76.5e9, ge=1e9, le=200e9, description="carrier frequency [Hz]")
-    bandwidth_hz: float = Field(300e6, gt=0, le=10e9, description="sweep of a chirp; 300 MHz resolve 0.5 m [Hz]")
+    azimuth_rays: int = Field(
+        default=220, ge=1, le=4096, description="columns of the grid of rays in `physical` (count)"
+    )
+    elevation_rays: int = Field(default=60, ge=1, le=4096, description="rows of the grid of rays in `physical` (count)")
+    carrier_hz: float = Field(default=76.5e9, ge=1e9, le=200e9, description="carrier frequency [Hz]")
+    bandwidth_hz: float = Field(
+        default=300e6, gt=0, le=10e9, description="sweep of a chirp; 300 MHz resolve 0.5 m [Hz]"
+    )
     chirp_time_s: float = Field(
-        20e-6, gt=0, le=FRAME_DT, description="time from chirp to chirp; 20 us measure 49 m/s either way [s]"
+        default=20e-6, gt=0, le=FRAME_DT, description="time from chirp to chirp; 20 us measure 49 m/s either way [s]"
     )
     frame_time_s: float = Field(
-        FRAME_DT, gt=0, le=FRAME_DT, description="coherent time of a sample; 10 ms resolve 0.2 m/s [s]"
+        default=FRAME_DT, gt=0, le=FRAME_DT, description="coherent time of a sample; 10 ms resolve 0.2 m/s [s]"
     )
     azimuth_antennas: int = Field(
-        86, ge=1, le=1024, description="virtual antennas side by side; 86 resolve 1.3 deg (count)"
+        default=86, ge=1, le=1024, description="virtual antennas side by side; 86 resolve 1.3 deg (count)"
     )
     elevation_antennas: int = Field(
-        8, ge=1, le=1024, description="virtual antennas one above the other; 8 resolve 14 deg (count)"
+        default=8, ge=1, le=1024, description="virtual antennas one above the other; 8 resolve 14 deg (count)"
     )
-    transmit_power_dbm: float = Field(12.0, ge=-50, le=60, description="transmitted power [dBm]")
+    transmit_power_dbm: float = Field(default=12.0, ge=-50, le=60, description="transmitted power [dBm]")
     antenna_gain_dbi: float = Field(
-        10.0, ge=-20, le=60, description="gain on boresight of transmitter and of receiver, array included [dBi]"
+        default=10.0,
+        ge=-20,
+        le=60,
+        description="gain on boresight of transmitter and of receiver, array included [dBi]",
     )
     horizontal_beam_deg: float | None = Field(
-        None, gt=0, le=360, description="half-power width of either antenna; left out, the field of view [deg]"
+        default=None, gt=0, le=360, description="half-power width of either antenna; left out, the field of view [deg]"
     )
     vertical_beam_deg: float | None = Field(
-        None, gt=0, le=360, description="half-power width of either antenna; left out, the field of view [deg]"
+        default=None, gt=0, le=360, description="half-power width of either antenna; left out, the field of view [deg]"
     )
     reference_snr_db: float = Field(
-        15.0, ge=-50, le=100, description="SNR of 10 dBsm at 100 m on boresight in clear air: sets the noise [dB]"
+        default=15.0,
+        ge=-50,
+        le=100,
+        description="SNR of 10 dBsm at 100 m on boresight in clear air: sets the noise [dB]",
     )
     false_alarm_probability: float = Field(
-        1e-8, gt=0, lt=0.1, description="that a cell without a target is detected; 1e-8 gives 0.2 a sample [-]"
+        default=1e-8, gt=0, lt=0.1, description="that a cell without a target is detected; 1e-8 gives 0.2 a sample [-]"
     )
     wet_radome_db: float = Field(
-        2.0, ge=0, le=40, description="loss of the water film at 10 mm/h, both ways together [dB]"
+        default=2.0, ge=0, le=40, description="loss of the water film at 10 mm/h, both ways together [dB]"
     )
     maps: tuple[Literal["range_azimuth", "range_doppler"], ...] = Field(
-        (), description="power maps to store as well, in `physical` (list)"
+        default=(), description="power maps to store as well, in `physical` (list)"
     )
-    iq: bool = Field(False, description="whether to store the samples of the receiver too, in `physical` (flag)")
+    iq: bool = Field(
+        default=False, description="whether to store the samples of the receiver too, in `physical` (flag)"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> "Radar":

@@ -24,7 +24,7 @@ from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN, RadarPoints
 from mmw.sensors.radar.rain_clutter import RainClutter
 from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, centred, number
-from mmw.sensors.radar.simulate import decibels
+from mmw.sensors.radar.trace import decibels
 
 ECHO_DRAW, ERROR_DRAW, RAIN_PLACE_DRAW, ALARM_DRAW, ALARM_PLACE_DRAW = range(5)
 """Draws of a view's random numbers: by cell the first three, by number of the false alarm the others."""

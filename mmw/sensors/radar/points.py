@@ -1,24 +1,46 @@
-"""Hold the output of a radar: one list of points for each view."""
+"""Hold the output of a radar: one list of points for each view, power maps and samples of the receivers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal, Self
 
 import numpy as np
+
+from mmw.sensors.samples import PointSamples, Samples
+
+MapKind = Literal["range_azimuth", "range_doppler"]
 
 LABEL_OBJECT, LABEL_RAIN, LABEL_FALSE_ALARM = 0, 1, 2
 """Values of `RadarPoints.label`: an echo of a surface, rain clutter, noise above the threshold."""
 
 
 @dataclass(frozen=True)
-class RadarPoints:
-    """Points of a batch in one weather, A views and N points in all; those of view a are rows `offsets[a]` to
-    `offsets[a + 1]`.
+class RadarMaps(Samples):
+    """One kind of map of A views in one weather, or the one of a single view.
+
+    Pixel (i, j) is at row_first + i row_step and column_first + j column_step.
+    """
+
+    kind: MapKind
+    values: np.ndarray
+    """Received power, echo and noise [dBm], shape [A, rows, columns], float32."""
+    row_first: float
+    """Range of row 0 [m]."""
+    row_step: float
+    """Range from row to row [m]."""
+    column_first: float
+    """Of column 0: direction cosine along y, sin(azimuth) cos(elevation), or radial velocity [m/s]."""
+    column_step: float
+    """From column to column, in the same unit."""
+
+
+@dataclass(frozen=True)
+class RadarPoints(PointSamples):
+    """Points of A views in one weather, or those of a single view; N points in all.
 
     Angles are in the right-handed sensor frame, x forward, y left, z up: CARLA's azimuth is minus this one, its
     altitude is this elevation. `carla` has no power: `power_db`, `snr_db` and `rcs_dbsm` are None then.
     """
 
-    offsets: np.ndarray
-    """First point of every view, and N, shape [A + 1], int32."""
     range: np.ndarray
     """Distance from the sensor [m], shape [N], float32."""
     azimuth: np.ndarray
@@ -37,3 +59,13 @@ class RadarPoints:
     """Object that the point lies on, -1 for clutter and false alarms, shape [N], int32."""
     label: np.ndarray
     """0 object, 1 rain clutter, 2 false alarm, shape [N], uint8."""
+    maps: tuple[RadarMaps, ...] = ()
+    """Power maps, one of each kind in `Radar.maps`."""
+    iq: np.ndarray | None = None
+    """Samples of the receivers [W^0.5], shape [A, antennas, chirps, samples], complex64; None without `Radar.iq`."""
+
+    def view(self, index: int) -> Self:
+        """Return the points, maps and samples of one view."""
+        points = super(RadarPoints, replace(self, maps=(), iq=None)).view(index)
+        iq = None if self.iq is None else self.iq[index]
+        return replace(points, maps=tuple(maps.view(index) for maps in self.maps), iq=iq)

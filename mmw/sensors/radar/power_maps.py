@@ -1,18 +1,14 @@
 """Make power maps of a radar: range against azimuth, or against velocity, from the cells of the detections."""
 
-from dataclasses import dataclass
-from typing import Literal
-
 import numpy as np
 
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.detection import cell_echoes, uniform
+from mmw.sensors.radar.points import MapKind, RadarMaps
 from mmw.sensors.radar.rain_clutter import RainClutter
 from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, centred, unravel
-from mmw.sensors.radar.simulate import decibels
-
-MapKind = Literal["range_azimuth", "range_doppler"]
+from mmw.sensors.radar.trace import decibels
 
 MAP_DRAW: dict[str, int] = {"range_azimuth": 8, "range_doppler": 9}
 """Draw of the random numbers of a map's noise, by kind; the item is the pixel."""
@@ -20,26 +16,6 @@ MAP_DRAW: dict[str, int] = {"range_azimuth": 8, "range_doppler": 9}
 LOBE = 2
 """Cells on either side that an echo leaks into: half the main lobe of the Hann window. The sidelobes beyond it, 31 dB
 down, are left out."""
-
-
-@dataclass(frozen=True)
-class RadarMaps:
-    """One kind of map of a batch in one weather.
-
-    Pixel (i, j) is at row_first + i row_step and column_first + j column_step.
-    """
-
-    kind: MapKind
-    values: np.ndarray
-    """Received power, echo and noise [dBm], shape [A, rows, columns], float32."""
-    row_first: float
-    """Range of row 0 [m]."""
-    row_step: float
-    """Range from row to row [m]."""
-    column_first: float
-    """Of column 0: direction cosine along y, sin(azimuth) cos(elevation), or radial velocity [m/s]."""
-    column_step: float
-    """From column to column, in the same unit."""
 
 
 def hann_response(x: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ from mmw.physics.weather.optics import marshall_palmer
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.resolution_cells import angle_cells, cell_grid
-from mmw.sensors.radar.simulate import air_loss_db_per_km, radome_loss_db
+from mmw.sensors.radar.trace import air_loss_db_per_km, radome_loss_db
 
 RAIN_BACKSCATTER = {
     24.125e9: (-12.32465, 1.56377, -0.03814, -0.00315),

@@ -6,8 +6,7 @@ import pyarrow as pa
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, lists, sample_columns
 from mmw.scene.views import Views
-from mmw.sensors.radar.points import RadarPoints
-from mmw.sensors.radar.power_maps import RadarMaps
+from mmw.sensors.radar.points import RadarMaps, RadarPoints
 
 
 def radar_rows(arrays: SceneData, sensor: str, views: Views, points: RadarPoints) -> Columns:

@@ -39,6 +39,7 @@ SPEC = SensorSpec(
     config=Radar,
     tables=(RADAR, RADAR_MAPS, RADAR_IQ),
     shared_tables=("box_visibility",),
+    simulate="mmw.sensors.radar.simulate:simulate",
     capture="mmw.sensors.radar.capture:capture_radar",
     rows_per_sample=lambda config: {"radar": 1, "radar_maps": len(config.maps), "radar_iq": int(config.iq)},
     estimate=_estimate,

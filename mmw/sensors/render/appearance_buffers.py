@@ -107,6 +107,12 @@ class AppearanceArrays:
         """Notes for the user, one line each."""
         return tuple(self._textures.notes)
 
+    @property
+    def alpha_cutouts(self) -> "structs.AppearanceTable | None":
+        """Appearance whose holes all rays of cameras pass, that of the scene's first weather; None without any hole."""
+        first = self.for_weather(next(iter(self._rows)))
+        return first if first.has_holes else None
+
     def for_weather(self, name: str) -> structs.AppearanceTable:
         """Return the kernel struct of one weather; all weathers share corners and textures.
 
@@ -197,3 +203,14 @@ class AppearanceArrays:
         struct.is_porous = material.nonvisual_base in POROUS_BASES and is_open
         struct.holds_puddles = material.nonvisual_base in PUDDLE_BASES
         return struct
+
+
+def alpha_cutouts(scene: DeviceScene) -> "structs.AppearanceTable | None":
+    """Return the appearance of a scene with cut-out textures, for cameras without colors; None without any.
+
+    Nothing is loaded where no material has such a texture.
+    """
+    found = [material.appearance for material in next(iter(scene.arrays.materials.values()), ())]
+    if not any(entry.opacity_threshold > 0.0 and entry.opacity_texture for entry in found):
+        return None
+    return AppearanceArrays(scene).alpha_cutouts

@@ -12,19 +12,21 @@ class ExposureConfig(Section):
     """Exposure of an image."""
 
     mode: Literal["fixed", "auto"] = Field(
-        "fixed",
+        default="fixed",
         description="`fixed`: one exposure for all pictures of a weather, from its light, or `ev100`; `auto`: each "
         "picture by its own mean, without memory of the one before (name)",
     )
-    ev_compensation: float = Field(0.0, ge=-10, le=10, description="brighter (above 0) or darker by powers of 2 [EV]")
+    ev_compensation: float = Field(
+        default=0.0, ge=-10, le=10, description="brighter (above 0) or darker by powers of 2 [EV]"
+    )
     ev100: float | None = Field(
-        None,
+        default=None,
         ge=-10,
         le=24,
         description="exposure value at ISO 100 for `fixed`; none: from the light of the weather [EV]",
     )
-    min_ev100: float = Field(-2.0, ge=-10, le=24, description="`auto`: exposure of the darkest pictures [EV]")
-    max_ev100: float = Field(17.0, ge=-10, le=24, description="`auto`: exposure of the brightest pictures [EV]")
+    min_ev100: float = Field(default=-2.0, ge=-10, le=24, description="`auto`: exposure of the darkest pictures [EV]")
+    max_ev100: float = Field(default=17.0, ge=-10, le=24, description="`auto`: exposure of the brightest pictures [EV]")
 
     @model_validator(mode="after")
     def _fits(self) -> "ExposureConfig":
@@ -44,12 +46,16 @@ class NoiseConfig(Section):
     """Noise of the sensor: photon noise and read noise of each pixel and channel."""
 
     enabled: bool = Field(
-        False, description="off, still pictures stay still and compress better; on, pixels get noise (true or false)"
+        default=False,
+        description="off, still pictures stay still and compress better; on, pixels get noise (true or false)",
     )
     full_well: float = Field(
-        10_000.0, ge=100, le=1e6, description="electrons of a pixel that is just white; photon noise is their root [e-]"
+        default=10_000.0,
+        ge=100,
+        le=1e6,
+        description="electrons of a pixel that is just white; photon noise is their root [e-]",
     )
-    read_noise: float = Field(3.0, ge=0, le=1000, description="standard deviation of the read noise [e-]")
+    read_noise: float = Field(default=3.0, ge=0, le=1000, description="standard deviation of the read noise [e-]")
 
 
 class ImageConfig(Section):
@@ -57,11 +63,11 @@ class ImageConfig(Section):
 
     exposure: ExposureConfig = Field(default_factory=ExposureConfig, description="brightness (map)")
     shutter_ms: float = Field(
-        5.0, gt=0, le=40, description="exposure time: length of rain streaks and motion blur [ms]"
+        default=5.0, gt=0, le=40, description="exposure time: length of rain streaks and motion blur [ms]"
     )
-    motion_blur: bool = Field(False, description="blur by what moves while the shutter is open (true or false)")
+    motion_blur: bool = Field(default=False, description="blur by what moves while the shutter is open (true or false)")
     tone_map: Literal["aces", "none"] = Field(
-        "aces", description="`aces`: filmic curve with soft highlights; `none`: clipped at white (name)"
+        default="aces", description="`aces`: filmic curve with soft highlights; `none`: clipped at white (name)"
     )
     noise: NoiseConfig = Field(default_factory=NoiseConfig, description="noise of the sensor (map)")
-    streaks: bool = Field(True, description="falling drops near the camera while it rains (true or false)")
+    streaks: bool = Field(default=True, description="falling drops near the camera while it rains (true or false)")

@@ -27,7 +27,7 @@ def record_rgb(batch: Batch, launch: Launch, buffer: SampleBuffer, collected: Ta
     if len(launch.views):
         with batch.clock.stage(launch.name):
             keys = {weather: _keys(batch, launch, weather) for weather in collected}
-            found = batch.rgb_camera(config.debug).render(buffer, config, keys)
+            found = batch.rgb_camera(config.debug).render(buffer, config, keys, batch.motion)
             exposures = dict(zip(found, to_host([images.exposure for images in found.values()]), strict=True))
         if config.format == "jpeg" and makes_files(batch.scene.device):
             with batch.clock.stage("JPEG files"):
@@ -67,7 +67,7 @@ def record_surfaces(batch: Batch, launch: Launch, buffer: SampleBuffer, collecte
         _record_files(batch, launch, "normals", images, encode_normals, collected)
     if config.flow:
         with batch.clock.stage("flow"):
-            images = renderer.flow(buffer)
+            images = renderer.flow(buffer, batch.motion)
         _record_files(batch, launch, "flow", images, encode_flow, collected)
 
 

@@ -12,39 +12,52 @@ from mmw.sensors.render.image_config import ImageConfig
 
 
 class RgbCamera(CameraConfig):
-    """A color camera, and what the same rays show."""
+    """A color camera, and what the same rays show.
+
+    Examples:
+        >>> camera = RgbCamera(name="front", width_px=640, height_px=480, fov_deg=90.0)
+        >>> camera.rate_hz, camera.on
+        (100.0, ('cav', 'rsu'))
+    """
 
     type: Literal["rgb"] = "rgb"
-    name: Name = Field("front", description="sensor name (name)")
-    on: tuple[Role, ...] = Field(("cav", "rsu"), description="agents that carry it (list)")
+    name: Name = Field(default="front", description="sensor name (name)")
+    on: tuple[Role, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
     fov_deg: float = Field(
-        110.0, gt=0, le=WIDEST_DEG, description="horizontal field of view; below 180 but for a fisheye [deg]"
+        default=110.0, gt=0, le=WIDEST_DEG, description="horizontal field of view; below 180 but for a fisheye [deg]"
     )
-    range_m: float = Field(5_000.0, gt=0, le=100_000, description="longest depth; beyond is sky [m]")
+    range_m: float = Field(default=5_000.0, gt=0, le=100_000, description="longest depth; beyond is sky [m]")
     lens: LensConfig = Field(default_factory=LensConfig, description="lens model and calibration (map)")
     image: ImageConfig = Field(default_factory=ImageConfig, description="exposure, noise, motion blur, rain (map)")
     samples: Literal[1, 4, 9] = Field(
-        4, description="rays in a pixel on an edge; 1 leaves edges jagged; inside surfaces one is enough (count)"
+        default=4,
+        description="rays in a pixel on an edge; 1 leaves edges jagged; inside surfaces one is enough (count)",
     )
-    shadows: bool = Field(True, description="shadows of the sun (true or false)")
+    shadows: bool = Field(default=True, description="shadows of the sun (true or false)")
     sky_light: bool = Field(
-        True, description="rays that find how much sky each point sees; false: all of it everywhere (true or false)"
+        default=True,
+        description="rays that find how much sky each point sees; false: all of it everywhere (true or false)",
     )
     reflections: bool = Field(
-        True, description="rays that find what glass, car paint and puddles reflect; false: sky alone (true or false)"
+        default=True,
+        description="rays that find what glass, car paint and puddles reflect; false: sky alone (true or false)",
     )
     format: Literal["jpeg", "png"] = Field(
-        "jpeg", description="`jpeg`, or `png`, without loss: 5 times the bytes, 20 to 30 times the time (name)"
+        default="jpeg", description="`jpeg`, or `png`, without loss: 5 times the bytes, 20 to 30 times the time (name)"
     )
-    jpeg_quality: int = Field(95, ge=1, le=100, description="quality of `format: jpeg` (number)")
+    jpeg_quality: int = Field(default=95, ge=1, le=100, description="quality of `format: jpeg` (number)")
     jpeg_subsampling: Literal["4:2:0", "4:4:4"] = Field(
-        "4:2:0", description="chroma of `format: jpeg`: a color for four pixels, or for each, +20 % bytes (name)"
+        default="4:2:0",
+        description="chroma of `format: jpeg`: a color for four pixels, or for each, +20 % bytes (name)",
     )
-    normals: bool = Field(False, description="normals from the same rays, table `normals` (true or false)")
+    normals: bool = Field(default=False, description="normals from the same rays, table `normals` (true or false)")
     flow: bool = Field(
-        False, description="optical flow to the next frame, 10 ms, from the same rays, table `flow` (true or false)"
+        default=False,
+        description="optical flow to the next frame, 10 ms, from the same rays, table `flow` (true or false)",
     )
-    debug: bool = Field(False, description="magenta where a texture is missing; otherwise its fallback (true or false)")
+    debug: bool = Field(
+        default=False, description="magenta where a texture is missing; otherwise its fallback (true or false)"
+    )
 
     @model_validator(mode="after")
     def _lens(self) -> "RgbCamera":

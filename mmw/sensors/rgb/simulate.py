@@ -10,13 +10,15 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmw.core.constants import FRAME_DT
 from mmw.core.kinematics import Motion, differentiate
+from mmw.core.transfer import to_host
 from mmw.kernels.camera import instance_culling as candidates
 from mmw.kernels.shading import reflections as reflection_kernels
 from mmw.kernels.shading import shade
@@ -25,7 +27,10 @@ from mmw.kernels.shading.sky import Sky
 from mmw.kernels.shading.wet_surfaces import Wet
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import view_twists
+from mmw.sensors.camera_group.images import CameraImage, object_images
+from mmw.sensors.camera_group.launches import Launch, single_launches, trace_launch
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
 from mmw.sensors.render.lighting import (
     SHADING_BLOCK_DIM,
@@ -45,9 +50,11 @@ from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.rain_streaks import drop_light, make_rain, streak_cover
 from mmw.sensors.render.sky.sky import bake, ground_radiance, make_air, make_sky, mean_radiance
 from mmw.sensors.render.tone_mapping import make_exposure, tone_map
-from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, find_edges, with_extras
+from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, depth_images, find_edges, with_extras
 from mmw.sensors.render.wet_surfaces import make_wet
 from mmw.sensors.rgb.config import RgbCamera
+from mmw.sensors.samples import Array, join, to_output
+from mmw.sensors.sensor_input import SensorInput
 
 DARK_KLUX = 1.0
 """Illuminance of level ground by sun and sky below which the light of vehicles and streets is drawn [klux]: a
@@ -62,6 +69,63 @@ class RgbImages:
     """sRGB, shape [A, H, W, 3], uint8; row 0 is the top, column 0 the left."""
     exposure: wp.array
     """Factor on luminance that makes 1 white [1/(kcd/m2)], shape [A], float32."""
+
+
+@dataclass(frozen=True)
+class RgbImage(CameraImage):
+    """Images of A views in one weather, or the one of a single view, whose arrays lack the first axis."""
+
+    rgb: Array
+    """sRGB, shape [A, H, W, 3], uint8; row 0 is the top, column 0 the left."""
+    exposure: np.ndarray
+    """Factor on luminance that makes 1 white [1/(kcd/m2)], shape [A], float32, always on the host."""
+    instance: Array | None = None
+    """Object in each pixel, -1 for nothing, shape [A, H, W], int32; None without `segmentation`."""
+    normals: Array | None = None
+    """Unit normals in the sensor frame, zero for nothing, shape [A, H, W, 3], float32; None without `normals`. In Warp
+    [A, H, W] of `vec3`."""
+    flow: Array | None = None
+    """Optical flow to the next frame, right and down [px], shape [A, H, W, 2], float32; None without `flow`. In Warp
+    [A, H, W] of `vec2`."""
+
+
+def simulate(data: SensorInput, config: RgbCamera) -> dict[str, RgbImage]:
+    """Return the images of all views in each weather, from the same rays."""
+    renderer = rgb_renderer(data.cache, data.scene, data.weathers, data.seed, config.debug)
+    launches = single_launches(config, data.views, data.scene.device)
+    parts = [_images(replace(data, views=launch.views), config, launch, renderer) for launch in launches]
+    return {name: join([part[name] for part in parts]) for name in data.weathers}
+
+
+def _images(data: SensorInput, config: RgbCamera, launch: Launch, renderer: "RgbRenderer") -> dict[str, RgbImage]:
+    buffer = trace_launch(data.scene, launch, renderer.alpha_cutouts)
+    shared: dict[str, Any] = {"intrinsics": launch.intrinsics}
+    if config.normals:
+        shared["normals"] = to_output(renderer.normals(buffer), data.output)
+    if config.flow:
+        shared["flow"] = to_output(renderer.flow(buffer, data.motion), data.output)
+    if config.segmentation or config.boxes_2d:
+        objects = depth_images(buffer, range_m=config.range_m, with_metres=False, with_objects=True).object_id
+        shared |= object_images(data, config, launch, objects)
+        shared["instance"] = to_output(objects, data.output) if config.segmentation else None
+    keys = {name: data.keys(name, config.name) for name in data.weathers}
+    found = renderer.render(buffer, config, keys, data.motion)
+    exposures = to_host([images.exposure for images in found.values()])
+    return {
+        name: RgbImage(to_output(images.rgb, data.output), exposure, **shared)
+        for (name, images), exposure in zip(found.items(), exposures, strict=True)
+    }
+
+
+def rgb_renderer(
+    cache: dict[Any, Any], scene: DeviceScene, weathers: Mapping[str, Weather], seed: int, debug: bool
+) -> "RgbRenderer":
+    """Return what renders images of a scene, which is made once and then kept in a cache; see `RgbRenderer`."""
+    key = "rgb", seed, debug
+    if key not in cache:
+        cache[key] = RgbRenderer(scene, {}, seed=seed, debug=debug)
+    cache[key].add(weathers)
+    return cache[key]
 
 
 class RgbRenderer:
@@ -79,36 +143,54 @@ class RgbRenderer:
         """
         self._scene = scene
         self._seed = seed
-        self._weathers = dict(weathers)
-        self._motion: Motion | None = None
-        self._lit_frames: tuple[int, ...] | None = None
-        appearance = AppearanceArrays(scene, debug=debug)
-        self.notes = appearance.notes
-        ground = float(scene.arrays.points[:, 2].min() - scene.origin[2]) if len(scene.arrays.points) else 0.0
+        self._appearance = AppearanceArrays(scene, debug=debug)
+        self.notes = self._appearance.notes
+        self._weathers: dict[str, Weather] = {}
         self._shading: dict[str, shade.Weather] = {}
-        self._is_dark = {name: bake(weather, seed).horizontal_klux < DARK_KLUX for name, weather in weathers.items()}
+        self._is_dark: dict[str, bool] = {}
+        self._groups: list[list[str]] = []
+        self._lit: tuple[SceneData, tuple[int, ...]] | None = None
+        self.add(weathers)
+
+    def add(self, weathers: Mapping[str, Weather]) -> None:
+        """Bake the skies of further weathers; those that are there already cost nothing.
+
+        Raises:
+            ValueError: If the scene was not read for a weather.
+        """
+        scene, seed = self._scene, self._seed
+        ground = float(scene.arrays.points[:, 2].min() - scene.origin[2]) if len(scene.arrays.points) else 0.0
         for name, weather in weathers.items():
+            if name in self._shading:
+                continue
             struct = shade.Weather()
-            struct.appearance_table = appearance.for_weather(name)
+            struct.appearance_table = self._appearance.for_weather(name)
             struct.lights = make_lights(scene, name, weather)
             street_klux = STREET_KLUX if struct.lights.street_count > 0 else 0.0
             struct.sky = make_sky(weather, scene.device, seed, lights_klux=street_klux)
             struct.air = make_air(weather, scene.device, ground, seed)
             struct.wet = make_wet(weather, scene.origin)
             struct.glow = wp.vec3(*ground_radiance(weather, seed))
-            self._shading[name] = struct
+            self._is_dark[name] = bake(weather, seed).horizontal_klux < DARK_KLUX
+            self._weathers[name], self._shading[name] = weather, struct
+            self._lit = None
         groups: dict[tuple, list[str]] = {}
-        for name in weathers:
+        for name in self._shading:
             groups.setdefault(tuple(material.appearance for material in scene.arrays.materials[name]), []).append(name)
         self._groups = list(groups.values())
 
     @property
     def alpha_cutouts(self) -> "shading.AppearanceTable | None":
         """Appearance for `trace_samples` where a material has holes, else None."""
-        first = next(iter(self._shading.values())).appearance_table
-        return first if first.has_holes else None
+        return self._appearance.alpha_cutouts
 
-    def render(self, buffer: SampleBuffer, config: RgbCamera, keys: Mapping[str, np.ndarray]) -> dict[str, RgbImages]:
+    def render(
+        self,
+        buffer: SampleBuffer,
+        config: RgbCamera,
+        keys: Mapping[str, np.ndarray],
+        motion: Motion | None = None,
+    ) -> dict[str, RgbImages]:
         """Return the pictures of the views in each weather that has keys.
 
         Args:
@@ -116,11 +198,12 @@ class RgbRenderer:
             config: Rays to send, and how light becomes a picture.
             keys: Weather -> random numbers of each view, shape [A, 2], uint32 (`mmw.scene.views.view_keys`), for noise
                 and streaks. Some or all of the camera's weathers; the others cost nothing.
+            motion: `differentiate(scene.arrays.poses)`, if at hand.
         """
         device = self._scene.device
         image = config.image
-        twists = device_twists(self._twists(buffer), device)
-        motion = image_motion(buffer, twists) if image.motion_blur else None
+        twists = device_twists(_twists(buffer, motion), device)
+        blur = image_motion(buffer, twists) if image.motion_blur else None
         images = {}
         for name, radiance in self.radiance(buffer, config, keys).items():
             weather, sky = self._weathers[name], self._shading[name].sky
@@ -131,7 +214,7 @@ class RgbRenderer:
                 rain = make_rain(weather, image, buffer.intrinsics)
                 cover = streak_cover(buffer.on_device, twists, key, buffer.camera, buffer.samples.t, rain)
                 of_drop = drop_light(wp.vec3(*mean_radiance(weather, self._seed)))
-            rgb = tone_map(radiance, image, exposure, keys=key, motion=motion, cover=cover, drop_light=of_drop)
+            rgb = tone_map(radiance, image, exposure, keys=key, motion=blur, cover=cover, drop_light=of_drop)
             images[name] = RgbImages(rgb, exposure)
         return images
 
@@ -150,32 +233,24 @@ class RgbRenderer:
             )  # fmt: skip
         return images
 
-    def flow(self, buffer: SampleBuffer) -> wp.array:
+    def flow(self, buffer: SampleBuffer, motion: Motion | None = None) -> wp.array:
         """Return how far what each pixel's center shows moves until the next frame [px], shape [A, H, W], vec2."""
-        return image_motion(buffer, device_twists(self._twists(buffer), self._scene.device))
+        return image_motion(buffer, device_twists(_twists(buffer, motion), self._scene.device))
 
-    def _twists(self, buffer: SampleBuffer) -> tuple[np.ndarray, np.ndarray]:
-        if self._motion is None:
-            self._motion = differentiate(self._scene.arrays.poses)
-        carried = np.flatnonzero(buffer.views.actor >= 0)
-        velocity, rate = np.zeros((2, len(buffer.views), 3))
-        velocity[carried], rate[carried] = view_twists(self._scene.arrays, self._motion, buffer.views.take(carried))
-        return velocity, rate
-
-    def _load_batch(self) -> None:
+    def _load_batch(self, scene: DeviceScene) -> None:
         """Bring the brake lights of the loaded frames."""
-        if self._scene.batch_frames != self._lit_frames:
-            brakes = load_brakes(self._scene)
+        if self._lit is None or self._lit[0] is not scene.arrays or self._lit[1] != scene.batch_frames:
+            brakes = load_brakes(scene)
             for weather in self._shading.values():
                 weather.lights.brake = brakes
-            self._lit_frames = self._scene.batch_frames
+            self._lit = scene.arrays, scene.batch_frames
 
     def radiance(
         self, buffer: SampleBuffer, config: RgbCamera, weathers: Collection[str] | None = None
     ) -> dict[str, wp.array]:
         """Return the luminance at every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device."""
         wanted = list(self._shading if weathers is None else weathers)
-        self._load_batch()
+        self._load_batch(buffer.scene)
         device = self._scene.device
         if not len(buffer.views):
             return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in wanted}
@@ -217,6 +292,16 @@ class RgbRenderer:
         wet.wetness = max(self._weathers[name].wetness for name in names)
         wet.puddles = max(self._weathers[name].puddles for name in names)
         return wet
+
+
+def _twists(buffer: SampleBuffer, motion: Motion | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return velocity and angular velocity of each view, see `view_twists`; zero for those that nobody carries."""
+    arrays, carried = buffer.scene.arrays, np.flatnonzero(buffer.views.actor >= 0)
+    velocity, rate = np.zeros((2, len(buffer.views), 3))
+    if len(carried):
+        motion = motion or differentiate(arrays.poses)
+        velocity[carried], rate[carried] = view_twists(arrays, motion, buffer.views.take(carried))
+    return velocity, rate
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from mmw.viz.plots.samples import SampleStyle, draw_sample, drawn_types, has_sam
 from mmw.viz.plots.style import box_legend, new_figure, side_bar
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from mmw.viz.plots.style import Canvas
 
 WIDTH_IN = 16.0
 """Width of the figure [inch]."""
@@ -36,8 +36,8 @@ def render_frame(
     color: str = "intensity",
     boxes: str = "seen",
     extent_m: float = 60.0,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":
+    figure: "Canvas | None" = None,
+) -> "Canvas":
     """Draw one frame: photographs with projected boxes, and below them every other sensor that gives points or images.
 
     Args:
@@ -59,6 +59,11 @@ def render_frame(
         InputError: If the dataset has no such frame or agent, the agent has no sample of any sensor in it, or `color`
             or `boxes` is none of the words.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> render_frame(data, "town03_roundabout", "sunny", 0).savefig("frame.png")
     """
     found = data.frame(scenario, weather, frame)
     cameras, others = choose_panels(found, agent)

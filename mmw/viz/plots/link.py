@@ -25,7 +25,7 @@ from mmw.viz.plots.style import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from mmw.viz.plots.style import Canvas
 
 BEAM_FRAMES = 200
 """Frames at which the best beams are searched at most: a search takes about 1.5 ms of one core. Design value."""
@@ -96,8 +96,8 @@ def plot_link(
     frames: range | None = None,
     search: BeamSearch | None = None,
     beam_frames: int = BEAM_FRAMES,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":
+    figure: "Canvas | None" = None,
+) -> "Canvas":
     """Draw a link over time (gain and blockage, delay spread, best beams) and its delay profile and angles at a frame.
 
     Args:
@@ -119,6 +119,11 @@ def plot_link(
     Raises:
         InputError: If the dataset has no such link, carrier or frame.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> plot_link(data, "town03_roundabout", "sunny", "rsu_1", "cav_1", frames=range(0, 3)).savefig("link.png")
     """
     series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
     carrier_hz = float(series["carrier_hz"][0])
@@ -161,8 +166,8 @@ def plot_path_history(
     *,
     carrier_hz: float | None = None,
     frames: range | None = None,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":
+    figure: "Canvas | None" = None,
+) -> "Canvas":
     """Draw the gain of a link over time, and delay and Doppler shift of every one of its paths, colored by gain.
 
     Arguments, return value and errors are those of `plot_link`.

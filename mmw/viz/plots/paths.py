@@ -26,7 +26,7 @@ from mmw.viz.plots.style import (
 )  # fmt: skip
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from mmw.viz.plots.style import Canvas
 
 ANTENNA = "antenna"
 """Sensor name of an agent's antenna in table `sensors`."""
@@ -52,8 +52,8 @@ def plot_paths(
     carrier_hz: float | None = None,
     town: bool = True,
     strongest: int | None = None,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":
+    figure: "Canvas | None" = None,
+) -> "Canvas":
     """Draw the radio paths of a link in one frame over the map: from above, and from the side, colored by gain.
 
     Args:

@@ -1,15 +1,16 @@
-"""Plot of a radio map in plan with matplotlib (extra `plot`): signal strength and SINR over the town's outline."""
+"""Plots of radio maps with matplotlib (extra `plot`): a metric, or signal strength and SINR over the town's outline."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.radio_map.radio_map import METRICS, RadioMap
+from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import transform_points
 from mmw.scene.scene_data import MODEL_NONE, SceneData
-from mmw.viz.plots.style import label_place
+from mmw.viz.plots.style import label_place, new_figure
 
 MARGIN_M = 5.0
 """Border around the cells in the picture [m]."""
@@ -19,6 +20,12 @@ FLAT_COSINE = 0.2
 
 LOWEST_SHARE = 2.0
 """The color scale begins above the lowest values of this many percent of the cells."""
+
+ASSOCIATION = "association"
+"""Name of the picture of the transmitter that serves each cell."""
+
+LABELS = {"path_gain": "path gain [dB]", "rss": "RSS [dBm]", "sinr": "SINR [dB]"}
+"""Metric -> label of its color bar."""
 
 
 def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, title: str) -> None:
@@ -49,7 +56,7 @@ def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, t
         strict=True,
     ):
         draw_scene(axes, arrays, frame)
-        _draw_cells(figure, axes, plan[server >= 0], values[server >= 0], label)
+        _add_scale(axes, _draw_cells(axes, plan[server >= 0], values[server >= 0]), label)
         x, y = result.transmitters.position[:, 0], result.transmitters.position[:, 1]
         axes.plot(x, y, "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
         for name, place in zip(result.transmitters.names, result.transmitters.position, strict=True):
@@ -60,14 +67,83 @@ def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, t
     figure.savefig(out, dpi=100)
 
 
-def _draw_cells(figure: Any, axes: Any, plan: np.ndarray, values: np.ndarray, label: str) -> None:
+def draw_radio_map(result: RadioMap, metric: str, tx: str | None, ax: Any, scene: Any) -> Any:
+    """Draw one metric of a map and return the figure; see `RadioMap.plot`.
+
+    Raises:
+        InputError: If there is no such metric or transmitter, or upright surfaces are to be drawn into plane axes.
+    """
+    if metric not in (*METRICS, ASSOCIATION):
+        raise InputError(
+            f"radio map: metric = {metric!r}; one of {', '.join((*METRICS, ASSOCIATION))} is needed; correct it"
+        )
+    if metric == ASSOCIATION and tx is not None:
+        raise InputError(f"radio map: plot of {ASSOCIATION!r} for {tx!r}; it shows all transmitters; leave tx out")
+    values = result.tx_association.astype(float) if metric == ASSOCIATION else result.metric_db(metric, tx)
+    is_plan = bool((np.abs(result.surface.mesh.normals[:, 2]) > FLAT_COSINE).all())
+    if ax is None:
+        ax = new_figure(None, (7.5, 6.0)).subplots(subplot_kw={} if is_plan else {"projection": "3d"})
+    elif hasattr(ax, "get_zlim") == is_plan:
+        raise InputError(
+            f"radio map: these axes have {2 + is_plan} dimensions, the surface needs {3 - is_plan}; "
+            f"{'make plain axes' if is_plan else 'make them with projection=3d'}, or leave ax out"
+        )
+    reached = np.isfinite(values) & (values >= 0 if metric == ASSOCIATION else True)
+    corners, place = result.surface.corners, result.transmitters.position
+    size = 2 if is_plan else 3
+    if is_plan and scene is not None:
+        draw_scene(ax, scene.arrays, scene.frame)
+    draw = _draw_cells if is_plan else _draw_cells_3d
+    cells = draw(ax, corners[reached, :, :size], values[reached])
+    if metric == ASSOCIATION:
+        _color_by_transmitter(ax, cells, result.tx_names)
+    else:
+        _add_scale(ax, cells, LABELS[metric] if tx is None else f"{LABELS[metric]} of {tx}")
+    low, high = corners.min(axis=(0, 1)) - MARGIN_M, corners.max(axis=(0, 1)) + MARGIN_M
+    near = place[((place >= low) & (place <= high))[:, :size].all(axis=1)]  # axes in three dimensions clip nothing
+    ax.plot(*near.T[:size], "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
+    ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]", aspect="equal")
+    if is_plan:
+        for name, at in zip(result.tx_names, place, strict=True):
+            label_place(ax, name, at[:2], color="red")
+    else:
+        ax.set(zlim=(low[2], high[2]), zlabel="z [m]")
+    return ax.figure
+
+
+def _color_by_transmitter(axes: Any, cells: Any, names: tuple[str, ...]) -> None:
+    """Color cells by the number of their transmitter, with the names beside the color bar."""
+    from matplotlib import colormaps
+    from matplotlib.colors import ListedColormap
+
+    table = colormaps["tab10" if len(names) <= 10 else "tab20"]
+    cells.set_cmap(ListedColormap([table(k % table.N) for k in range(len(names))]))
+    cells.set_clim(-0.5, len(names) - 0.5)
+    bar = axes.figure.colorbar(cells, ax=axes, label="transmitter", shrink=0.9, ticks=range(len(names)))
+    bar.ax.set_yticklabels(names)
+
+
+def _draw_cells_3d(axes: Any, corners: np.ndarray, values: np.ndarray) -> Any:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    cells = Poly3DCollection(list(corners), array=values, cmap="viridis", edgecolors="none")
+    axes.add_collection3d(cells)
+    return cells
+
+
+def _draw_cells(axes: Any, plan: np.ndarray, values: np.ndarray) -> Any:
     from matplotlib.collections import PolyCollection
 
     cells = PolyCollection(list(plan), array=values, cmap="viridis", antialiased=False, edgecolors="none", zorder=2)
+    axes.add_collection(cells)
+    return cells
+
+
+def _add_scale(axes: Any, cells: Any, label: str) -> None:
+    values = np.asarray(cells.get_array())
     if len(values):
         cells.set_clim(np.percentile(values, LOWEST_SHARE), values.max())
-    axes.add_collection(cells)
-    figure.colorbar(cells, ax=axes, label=label, extend="min", shrink=0.9)
+    axes.figure.colorbar(cells, ax=axes, label=label, extend="min", shrink=0.9)
 
 
 def draw_scene(axes: Any, arrays: SceneData, frame: int, within: tuple[np.ndarray, np.ndarray] | None = None) -> None:

@@ -15,7 +15,7 @@ from mmw.viz.plots.samples import label_of
 from mmw.viz.plots.style import AGENT_COLORS, at_least, new_figure, plain_axes
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from mmw.viz.plots.style import Canvas
 
 COLUMNS = 2
 """Charts side by side."""
@@ -91,8 +91,8 @@ def read_readings(
 
 def plot_readings(
     data: Dataset, scenario: str, weather: str, sensor: str, *,
-    agents: Sequence[str] = (), frames: range | None = None, figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":  # fmt: skip
+    agents: Sequence[str] = (), frames: range | None = None, figure: "Canvas | None" = None,
+) -> "Canvas":  # fmt: skip
     """Draw the numbers of a scalar sensor over time, a line for each agent.
 
     Args:
@@ -110,6 +110,11 @@ def plot_readings(
     Raises:
         InputError: If the scenario has no such scalar sensor.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> plot_readings(data, "town03_roundabout", "sunny", "imu").savefig("imu.png")
     """
     readings = read_readings(data, scenario, weather, sensor, agents=agents, frames=frames)
     count = min(COLUMNS, len(readings.columns))

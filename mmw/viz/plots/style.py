@@ -12,6 +12,10 @@ from mmw.viz.notebook import show_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
+    from typing_extensions import TypeVar
+
+    Canvas = TypeVar("Canvas", bound=Figure | SubFigure, default=Figure)
+    """The figure or part of one that a function is given to draw into; a new figure by default."""
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY, GREY = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#8A8F98",
@@ -78,14 +82,15 @@ PATH_MARKS = {
 """Kind of an interaction -> marker, name, number in `paths.interactions`."""
 
 
-def new_figure(figure: "Figure | SubFigure | None", size: tuple[float, float]) -> "Figure | SubFigure":
+def new_figure(figure: "Canvas | None", size: tuple[float, float]) -> "Canvas":
     """Return the figure to draw into, a new one of the size [inch] if none is given; it belongs to no window."""
     if figure is not None:
         return figure
     with needed_by("mmw.viz.plots"):
         from matplotlib.figure import Figure
     show_figures()
-    return Figure(figsize=size, layout="constrained")
+    made: Any = Figure(figsize=size, layout="constrained")
+    return made
 
 
 def carrier_name(carrier_hz: float) -> str:

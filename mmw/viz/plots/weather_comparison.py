@@ -16,7 +16,7 @@ from mmw.viz.plots.samples import SamplePlot, SampleStyle, draw_sample
 from mmw.viz.plots.style import new_figure, plain_ticks, side_bar
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from mmw.viz.plots.style import Canvas
 
 TILE_IN = 3.4
 """Width of an image beside others [inch]."""
@@ -24,8 +24,8 @@ TILE_IN = 3.4
 
 def plot_sensor(
     data: Dataset, scenario: str, weathers: Sequence[str], frame: int, agent: str, sensor: str, *,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":  # fmt: skip
+    figure: "Canvas | None" = None,
+) -> "Canvas":  # fmt: skip
     """Draw a sensor of any type: by the `figure` view of its `SensorSpec`, else by its kind.
 
     A scalar is drawn over all frames in the first weather, points in a column for each weather, images in a row for
@@ -46,6 +46,11 @@ def plot_sensor(
     Raises:
         InputError: If the agent has no such sensor, or no sample of it in the frame.
         ImportError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> data = mmw.open_dataset("out/quickstart")
+        >>> plot_sensor(data, "town03_roundabout", ["sunny"], 0, "cav_1", "lidar").savefig("lidar.png")
     """
     owner = find_agent(data.frame(scenario, weathers[0], frame), agent)
     if sensor not in owner.sensors:
@@ -97,8 +102,8 @@ def _plot_images(
 
 def plot_lidar(
     data: Dataset, scenario: str, weathers: Sequence[str], frame: int, agent: str, sensor: str = "", *,
-    color: str = "", extent_m: float = 40.0, figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":  # fmt: skip
+    color: str = "", extent_m: float = 40.0, figure: "Canvas | None" = None,
+) -> "Canvas":  # fmt: skip
     """Draw one sweep from above and its returns over range, a column for each weather.
 
     Args:
@@ -129,8 +134,8 @@ def plot_lidar(
 
 def plot_radar(
     data: Dataset, scenario: str, weathers: Sequence[str], frame: int, agent: str, sensor: str = "", *,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":  # fmt: skip
+    figure: "Canvas | None" = None,
+) -> "Canvas":  # fmt: skip
     """Draw one radar sample from above and its SNR over range, a column for each weather.
 
     Behind it lie the boxes of the frame and, if the agent has a LiDAR, the surfaces that it sees. Arguments, return
@@ -167,8 +172,8 @@ def _plot_points(
 
 def plot_depth(
     data: Dataset, scenario: str, weathers: Sequence[str], frame: int, agent: str, sensor: str = "", *,
-    figure: "Figure | SubFigure | None" = None,
-) -> "Figure | SubFigure":  # fmt: skip
+    figure: "Canvas | None" = None,
+) -> "Canvas":  # fmt: skip
     """Draw a depth image and, where there is a segmentation, the instances beside it, with the 2-D boxes.
 
     Each weather has a row. Arguments, return value and errors are those of `plot_lidar`.

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from mmw.channel.radio_map.measurement_surface import plane_grid, road_grid
+from mmw.channel.radio_map.measurement_surface import MeasurementSurface, mesh_surface, plane_grid, road_grid
+from mmw.core.errors import InputError
 from tests.fixtures.scenes import arrays_from_parts, ground_part, quad_part, wall_part
+from tests.oracles.radio_map import UPRIGHT
 
 
 def test_plane_grid_has_whole_cells_about_its_middle() -> None:
@@ -13,8 +15,8 @@ def test_plane_grid_has_whole_cells_about_its_middle() -> None:
     np.testing.assert_allclose(surface.center[:4], [[-1, 1, 3], [1, 1, 3], [3, 1, 3], [-1, 3, 3]])
     np.testing.assert_allclose(surface.area, 4.0)
     np.testing.assert_array_equal(surface.faces[:3], [[0, 1, 2], [0, 2, 3], [4, 5, 6]])
-    upright = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    turned = plane_grid((1.0, 2.0, 3.0), (5.0, 4.0), 2.0, upright)
+    turned = plane_grid((1.0, 2.0, 3.0), (5.0, 4.0), 2.0, UPRIGHT)
+    assert surface.grid_shape == turned.grid_shape == (2, 3)
     np.testing.assert_allclose(turned.center[1], [1.0, 2.0, 2.0])
     np.testing.assert_allclose(turned.corners[..., 0], 1.0)
     np.testing.assert_allclose(turned.area, 4.0)
@@ -62,11 +64,50 @@ def test_a_bridge_is_a_level_of_its_own_and_a_marking_is_not() -> None:
 def test_impossible_grids_are_named() -> None:
     arrays = arrays_from_parts([wall_part("w", (-9, 4), (9, 4), 8.0)])
     for call, part in (
-        (lambda: plane_grid((0, 0, 0), (4, 4), 0.0), "cell = 0 m"),
+        (lambda: plane_grid((0, 0, 0), (4, 4), 0.0), "cell_size_m = 0"),
         (lambda: plane_grid((0, 0, 0), (4, 0), 1.0), "size_m"),
         (lambda: plane_grid((0, 0, 0), (1e5, 1e5), 1.0), "at most"),
         (lambda: road_grid(arrays, 2.0, 0.0), "height_m = 0"),
         (lambda: road_grid(arrays, 2.0, 1.5), "the scene has building"),
     ):
         with pytest.raises(ValueError, match=part):
+            call()
+
+
+def test_mesh_surface_has_a_cell_a_triangle() -> None:
+    points = [[0, 0, 1], [4, 0, 1], [4, 2, 1], [0, 2, 4]]
+    surface = mesh_surface(points, [[0, 1, 2], [0, 2, 3], [2, 1, 0]])
+    assert len(surface) == 3 and surface.grid_shape is None
+    np.testing.assert_allclose(surface.area, [4.0, 0.5 * np.linalg.norm(np.cross([4, 2, 0], [0, 2, 3])), 4.0])
+    np.testing.assert_allclose(surface.center[0], [8 / 3, 2 / 3, 1.0])
+    np.testing.assert_array_equal(surface.faces, np.arange(9).reshape(3, 3))
+    np.testing.assert_array_equal(surface.cell_of_face, [0, 1, 2])
+    moved = mesh_surface(points, [[0, 1, 2], [0, 2, 3], [2, 1, 0]], offset_m=0.25)
+    np.testing.assert_allclose(moved.corners[0] - surface.corners[0], np.tile([0, 0, 0.25], (3, 1)))
+    np.testing.assert_allclose(moved.corners[2] - surface.corners[2], np.tile([0, 0, -0.25], (3, 1)))
+    np.testing.assert_array_equal(plane_grid((0, 0, 0), (2, 1), 1.0).cell_of_face, [0, 0, 1, 1])
+
+
+def test_impossible_surfaces_are_named() -> None:
+    flat = [[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]]
+    quad = np.array([[[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]])
+    for call, part in (
+        (lambda: mesh_surface(flat, [[0, 1, 3], [0, 1, 2]]), "cell 1 has no area, as 1 in all"),
+        (lambda: mesh_surface(flat, [[0, 1, 4]]), "faces name vertex 4; there are 4"),
+        (lambda: mesh_surface(flat, [[0.0, 1.0, 3.0]]), r"faces of shape \(1, 3\); whole numbers"),
+        (lambda: mesh_surface(flat, np.zeros((0, 3), int)), r"faces of shape \(0, 3\)"),
+        (lambda: mesh_surface(np.zeros((4, 2)), [[0, 1, 3]]), r"points of shape \(4, 2\)"),
+        (lambda: mesh_surface([*flat[:3], [0, np.nan, 0]], [[0, 1, 3]]), "points of shape"),
+        (lambda: mesh_surface(flat, [[0, 1, 3]], offset_m=np.inf), "offset_m = inf"),
+        (lambda: plane_grid((0, 0, np.nan), (4, 4), 1.0), r"center_m = \(0.0, 0.0, nan\)"),
+        (lambda: plane_grid((0, 0), (4, 4), 1.0), "center_m"),
+        (lambda: plane_grid((0, 0, 0), (4, np.inf), 1.0), "size_m"),
+        (lambda: plane_grid((0, 0, 0), (4, 4), np.nan), "cell_size_m = nan"),
+        (lambda: plane_grid((0, 0, 0), (4, 4), 1e-200), "at most"),
+        (lambda: plane_grid((0, 0, 0), (4, 4), 1.0, (0, 0, 0, 0)), "orientation"),
+        (lambda: MeasurementSurface(quad[:, :2]), r"corners of shape \(1, 2, 3\)"),
+        (lambda: MeasurementSurface(quad, (2, 1)), "grid_shape"),
+        (lambda: MeasurementSurface(np.where(quad > 0, np.inf, quad)), "cell 0 has corners that are not finite"),
+    ):
+        with pytest.raises(InputError, match=part):
             call()

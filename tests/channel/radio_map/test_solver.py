@@ -1,27 +1,20 @@
 """Radio maps against Sionna RT, closed forms and image sources."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from mmw.channel.antennas.arrays import PlanarArray
-from mmw.channel.antennas.patterns import SLANTS, PatternTable, antenna_field
-from mmw.channel.radio_map.measurement_surface import MeasurementSurface, plane_grid
-from mmw.channel.radio_map.solver import (
-    BOLTZMANN,
-    RadioMap,
-    RadioMapConfig,
-    Transmitters,
-    actor_transmitters,
-    radio_map,
-)
+from mmw.channel.antennas.patterns import SLANTS, antenna_field
+from mmw.channel.radio_map.measurement_surface import plane_grid
+from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
+from mmw.channel.radio_map.solver import solve_radio_map
+from mmw.channel.radio_map.transmitters import Transmitters, actor_transmitters
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from mmw.physics.em.vectors import direction_angles, spherical_basis
-from mmw.physics.materials.material import Material, RadioMaterial
-from mmw.scene.scene_data import SceneData
+from mmw.physics.materials.material import RadioMaterial
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import (
     arrays_from_parts,
@@ -34,58 +27,20 @@ from tests.fixtures.scenes import (
     wall_part,
 )
 from tests.oracles.channel import radio_materials
+from tests.oracles.radio_map import (
+    CARRIER,
+    UNIT,
+    UPRIGHT,
+    cell_mean,
+    check,
+    coefficients,
+    constant,
+    isotropic,
+    trace,
+)
 from tests.oracles.sionna import FOLDER, read_case, used_material
 
 CASES = json.loads((FOLDER / "radio_maps.json").read_text())["cases"]
-CARRIER = 28e9
-WAVELENGTH = SPEED_OF_LIGHT / CARRIER
-UNIT = (WAVELENGTH / (4 * np.pi)) ** 2
-
-
-def constant(name: str, eps_r: float, sigma: float, thickness: float, scattering: float = 0.0) -> Material:
-    radio = RadioMaterial(
-        "constant", relative_permittivity=eps_r, conductivity=sigma, thickness=thickness, scattering=scattering
-    )
-    return Material(name, radio, "none", 0.3, (0.5, 0.5, 0.5))
-
-
-def isotropic(*positions: list[float], polarization: str = "V", power: float = 44.0) -> Transmitters:
-    count = len(positions)
-    return Transmitters(
-        tuple(f"tx_{i}" for i in range(count)), np.array(positions, dtype=float), np.tile(np.eye(3), (count, 1, 1)),
-        np.full(count, power), PlanarArray(pattern="iso", polarization=polarization),
-    )  # fmt: skip
-
-
-def trace(arrays: SceneData, device: str, tx: Transmitters, surface: MeasurementSurface, **config) -> RadioMap:
-    scene = loaded(arrays, device, [arrays.frames[0]])
-    settings = RadioMapConfig(**{"carrier_hz": CARRIER, "samples_per_tx": 400_000, **config})
-    return radio_map(scene, 0, tx, surface, settings, arrays.materials["sunny"])
-
-
-def cell_mean(surface: MeasurementSurface, function, steps: int = 6) -> np.ndarray:
-    """Return the mean of a function of points [C, 3] over flat cells, by the midpoint rule."""
-    a, b, d = surface.corners[:, 0], surface.corners[:, 1], surface.corners[:, 3]
-    at = (np.arange(steps) + 0.5) / steps
-    return np.mean([function(a + u * (b - a) + v * (d - a)) for u in at for v in at], axis=0)
-
-
-def poisson(result: RadioMap, gain: np.ndarray, most: float | np.ndarray) -> np.ndarray:
-    """Return the standard deviation that independent rays would give, |E|^2 / cos(theta) <= `most`, shape of `gain`.
-
-    A gain is a sum of shares u |E|^2 / cos(theta), u = (lambda / 4 pi)^2 4 pi / (N A). Of independent rays its variance
-    is the sum of the squared shares, at most u `most` gain. A lattice fills the sphere more evenly than that.
-    """
-    wavelength = SPEED_OF_LIGHT / result.config.carrier_hz
-    share = (wavelength / (4 * np.pi)) ** 2 * 4 * np.pi / result.config.samples_per_tx / result.surface.area
-    return np.sqrt(share * most * gain)
-
-
-def check(result: RadioMap, expected: np.ndarray, most: float | np.ndarray, sum_error: float = 2e-3) -> None:
-    """Compare one transmitter's map to a closed form: each cell to three standard deviations, and the sum."""
-    gain = result.path_gain[0]
-    assert (np.abs(gain - expected) <= 3 * poisson(result, expected, most)).all()
-    assert gain.sum() == pytest.approx(expected.sum(), rel=sum_error)
 
 
 def sionna_map(name: str, device: str) -> tuple[RadioMap, np.ndarray, np.ndarray]:
@@ -173,17 +128,6 @@ def test_free_space_plane(pattern: str, polarization: str, model: str, device: s
     check(result, expected, most=expected * r**2 / UNIT / (8.5 / r))
 
 
-def coefficients(eta: complex, cosine: np.ndarray, thickness: float) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Return (R, T) for `V` over level ground (TM) and `H` (TE). Source: ITU-R P.2040-4, equations 37, 43, 44."""
-    inner = np.sqrt(eta - 1 + cosine**2 + 0j)
-    once = np.exp(-2j * np.pi * thickness / WAVELENGTH * inner) if thickness else np.zeros_like(inner)
-    result = {}
-    for name, r in (("H", (cosine - inner) / (cosine + inner)), ("V", (eta * cosine - inner) / (eta * cosine + inner))):
-        below = 1 - r**2 * once**2
-        result[name] = r * (1 - once**2) / below, (1 - r**2) * once / below
-    return result
-
-
 @pytest.mark.parametrize(("polarization", "thickness"), [("V", 0.0), ("H", 0.0), ("V", 0.03), ("H", 10.0)])
 def test_two_rays_over_ground(polarization: str, thickness: float, device: str) -> None:
     """Direct ray and reflection add as powers; an isotropic V (H) antenna over level ground sends TM (TE)."""
@@ -233,8 +177,7 @@ def test_transmission_and_reflection_of_a_slab(device: str) -> None:
     slab, grid = constant("slab", 4.0, 0.0, 0.05), (12.0, 8.0)
     corners = [(10, -300, -300), (10, 300, -300), (10, 300, 300), (10, -300, 300)]
     arrays = arrays_from_parts([quad_part("Buildings/wall", corners, "slab", "building")], materials={"slab": slab})
-    upright = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    behind, before = (plane_grid((x, 1.0, 2.0), grid, 1.0, upright) for x in (14.0, 6.0))
+    behind, before = (plane_grid((x, 1.0, 2.0), grid, 1.0, UPRIGHT) for x in (14.0, 6.0))
     tx = isotropic([0, 0, 0])
     reached = {
         refraction: [trace(arrays, device, tx, s, max_depth=1, refraction=refraction) for s in (behind, before)]
@@ -285,10 +228,10 @@ def test_same_bytes_for_every_launch_shape(device: str, monkeypatch: pytest.Monk
     maps = []
     for count in (2**22, 70_001, 4_096):
         monkeypatch.setattr("mmw.channel.radio_map.solver.RAYS_AT_ONCE", count)
-        maps.append(radio_map(scene, 0, tx, surface, config, arrays.materials["sunny"]).path_gain)
+        maps.append(solve_radio_map(scene, 0, tx, surface, config, arrays.materials["sunny"]).path_gain)
     assert len({values.tobytes() for values in maps}) == 1
     assert (maps[0] > 0).mean() > 0.9
-    alone = radio_map(scene, 0, isotropic([9, 3, 4]), surface, config, arrays.materials["sunny"]).path_gain
+    alone = solve_radio_map(scene, 0, isotropic([9, 3, 4]), surface, config, arrays.materials["sunny"]).path_gain
     assert alone.tobytes() == maps[0][1].tobytes()
 
 
@@ -299,37 +242,18 @@ def test_a_vehicle_blocks_only_its_own_frame(device: str) -> None:
     tx, surface = isotropic([0, 0, 1]), plane_grid((12.0, 0.0, 0.8), (4.0, 2.0), 1.0)
     config = RadioMapConfig(CARRIER, 400_000, 0)
     maps = [
-        radio_map(scene, batch_index, tx, surface, config, arrays.materials["sunny"]).path_gain
+        solve_radio_map(scene, batch_index, tx, surface, config, arrays.materials["sunny"]).path_gain
         for batch_index in (0, 1)
     ]
     assert (maps[0] == 0).all()
     assert (maps[1] > 0).all()
     with pytest.raises(ValueError, match="batch_index 2"):
-        radio_map(scene, 2, tx, surface, config, arrays.materials["sunny"])
-
-
-def test_received_power_interference_and_server() -> None:
-    """Two transmitters and four cells, by hand."""
-    tx = Transmitters(("a", "b"), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.array([30.0, 20.0]))
-    surface = plane_grid((0, 0, 0), (4, 1), 1.0)
-    gain = np.array([[1e-9, 1e-9, 0.0, 0.0], [1e-8, 1e-7, 1e-9, 0.0]])
-    result = RadioMap(tx, surface, RadioMapConfig(CARRIER, bandwidth_hz=20e6, temperature_k=290.0), gain)
-    noise = BOLTZMANN * 290.0 * 20e6
-    assert 10 * np.log10(noise) + 30 == pytest.approx(-100.96, abs=0.01)  # -173.98 dBm/Hz + 73.01 dB
-    np.testing.assert_allclose(result.rss_dbm, [[-60, -60, -np.inf, -np.inf], [-60, -50, -70, -np.inf]])
-    np.testing.assert_allclose(result.received_w, [[1e-9, 1e-9, 0, 0], [1e-9, 1e-8, 1e-10, 0]])
-    expected = [[1e-9 / (1e-9 + noise), 1e-9 / (1e-8 + noise)], [1e-9 / (1e-9 + noise), 1e-8 / (1e-9 + noise)]]
-    np.testing.assert_allclose(result.sinr_db[:, :2], 10 * np.log10(expected))
-    np.testing.assert_allclose(result.sinr_db[1, 2], 10 * np.log10(1e-10 / noise))
-    assert np.isneginf(result.sinr_db[:, 3]).all()
-    assert np.isneginf(result.sinr_db[0, 2])
-    np.testing.assert_array_equal(result.tx_association, [0, 1, 1, -1])
+        solve_radio_map(scene, 2, tx, surface, config, arrays.materials["sunny"])
 
 
 def test_what_cannot_be_traced_is_named() -> None:
     arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
     surface = plane_grid((0, 0, 1.5), (4, 4), 1.0)
-    table = PatternTable(np.array([0.0, np.pi]), np.array([0.0]), np.ones((2, 1)))
     for config, tx, part in (
         ({"samples_per_tx": 10}, isotropic([0, 0, 5]), "samples_per_tx = 10"),
         ({"max_depth": 31}, isotropic([0, 0, 5]), "max_depth = 31"),
@@ -337,9 +261,8 @@ def test_what_cannot_be_traced_is_named() -> None:
         ({"max_depth": 8, "refraction": True, "samples_per_tx": 2**22}, isotropic([0, 0, 5]), "overflow"),
         ({"carrier_hz": 15e9}, isotropic([0, 0, 5]), "no permittivity at 15 GHz"),
         ({"bandwidth_hz": 0.0}, isotropic([0, 0, 5]), "bandwidth_hz = 0"),
-        ({}, isotropic(), "no transmitter"),
-        ({}, replace(isotropic([0, 0, 5]), array=PlanarArray(pattern=table)), "pattern table"),
-        ({}, Transmitters(("a",), np.zeros((1, 3)), np.eye(3)[None], np.zeros(1), precoding=np.zeros((1, 1))), "all 0"),
+        ({"max_depth": 1.5}, isotropic([0, 0, 5]), "max_depth = 1.5; a whole number"),
+        ({"carrier_hz": np.nan}, isotropic([0, 0, 5]), "carrier_hz = nan"),
     ):
         with pytest.raises(ValueError, match=part):
             trace(arrays, "cpu", tx, surface, **config)

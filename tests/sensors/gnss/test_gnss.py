@@ -1,5 +1,7 @@
 """GNSS: WGS-84 against published values and plain geometry, CARLA's map, both error models, rates, bad input."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -16,13 +18,19 @@ from mmw.core.geodesy import (
     world_from_mercator,
     world_from_wgs84,
 )
+from mmw.core.kinematics import differentiate
 from mmw.core.transforms import pose_from_ypr
+from mmw.physics.weather.weather import Weather
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.table_rows import sample_columns
+from mmw.scene.views import sample_views
 from mmw.sensors import Gnss, Imu
-from mmw.sensors.gnss.capture import gnss_rows
-from mmw.sensors.gnss.simulate import make_gnss
+from mmw.sensors.gnss.rows import to_tables
+from mmw.sensors.gnss.simulate import make_gnss, simulate
 from mmw.sensors.imu.simulate import make_imu
+from mmw.sensors.sensor_input import SensorInput
 from mmw.storage.arrow_tables import table_from_columns
-from tests.fixtures.driving_agents import assert_batches_do_not_matter, assert_white, driving, rows_of
+from tests.fixtures.driving_agents import assert_batches_do_not_matter, assert_white, driving, rows_of, sampled
 from tests.fixtures.scenes import ABSENT, arrays_from_parts, ground_part
 
 REFERENCES = [(49.0, 8.0, 0.0), (0.0, -180.0, 0.0), (-33.9, 151.2, 120.0), (69.6, 18.9, -30.0), (89.0, 179.99, 0.0)]
@@ -31,6 +39,8 @@ SILENT = {
     "heading_noise_std_deg": 0, "horizontal_drift_std_m": 0, "vertical_drift_std_m": 0, "horizontal_noise_std_m": 0,
     "vertical_noise_std_m": 0, "velocity_noise_std_m_s": 0,
 }  # fmt: skip
+
+gnss_samples = partial(sampled, make_gnss)
 
 
 def points(count: int = 2000, reach: float = 20_000.0) -> np.ndarray:
@@ -161,7 +171,7 @@ def test_heading_from_north() -> None:
 def test_without_errors_the_reading_is_the_truth(mode: str) -> None:
     config = Gnss(mode=mode, mount={"cav": MountConfig(position_m=(0, 1.5, 1.0), yaw_deg=90.0)}, **SILENT)
     arrays = driving(straight(20), still(20))
-    batch = make_gnss(arrays, range(20), config, 1, "s")
+    batch = gnss_samples(arrays, range(20), config, 1, "s")
     np.testing.assert_array_equal(batch.geodetic, batch.geodetic_true)
     back = world_from_mercator if mode == "carla" else world_from_wgs84
     along = straight(20)[:, :3] + 1.5 * np.array([-np.sin(0.5), np.cos(0.5), 0.0]) + [0, 0, 1]
@@ -176,13 +186,13 @@ def test_without_errors_the_reading_is_the_truth(mode: str) -> None:
 def test_a_turning_vehicle_gives_its_antenna_a_speed_of_its_own() -> None:
     yaw = 0.4 * FRAME_DT * np.arange(50)
     config = Gnss(mode="physical", mount={"cav": MountConfig(position_m=(3.0, 0, 0))}, **SILENT)
-    batch = make_gnss(driving(pose_from_ypr(np.zeros((50, 3)), yaw)), range(2, 48), config, 1, "s")
+    batch = gnss_samples(driving(pose_from_ypr(np.zeros((50, 3)), yaw)), range(2, 48), config, 1, "s")
     np.testing.assert_allclose(batch.speed, 1.2, rtol=1e-5)
 
 
 def test_the_published_noise() -> None:
     count = 20_000
-    batch = make_gnss(driving(straight(count), still(count)), range(count), Gnss(), 5, "s")
+    batch = gnss_samples(driving(straight(count), still(count)), range(count), Gnss(), 5, "s")
     for car, speed in ((0, 10.0), (1, 0.0)):
         error = (batch.geodetic - batch.geodetic_true)[car::2]
         turn = batch.heading[car::2] - (np.pi / 2 - 0.5)
@@ -201,7 +211,7 @@ def test_drift_of_the_physical_mode() -> None:
         horizontal_noise_std_m=0.5, vertical_noise_std_m=0.8, velocity_noise_std_m_s=0.07,
     )  # fmt: skip
     arrays = driving(*[still(801)] * 250)
-    batch = make_gnss(arrays, [0, 1, 200, 800], config, 5, "s")
+    batch = gnss_samples(arrays, [0, 1, 200, 800], config, 5, "s")
     world = world_from_wgs84(batch.geodetic, config.reference).reshape(4, 250, 3) - (120.0, -340.0, 2.0)
     np.testing.assert_allclose(world.std(axis=(0, 1)), np.hypot([1.5, 1.5, 3.0], [0.5, 0.5, 0.8]), rtol=0.1)
     # Neighboring samples share the drift and not the white noise; the drift forgets with its correlation time.
@@ -216,9 +226,9 @@ def test_drift_of_the_physical_mode() -> None:
 def test_rows_do_not_depend_on_the_batch_or_the_rate(mode: str) -> None:
     arrays = driving(straight(60), still(60))
     arrays.poses[20:23, 1] = ABSENT
-    whole = assert_batches_do_not_matter(lambda *at: make_gnss(*at, Gnss(mode=mode), 1, "s"), arrays, 60)
+    whole = assert_batches_do_not_matter(make_gnss, arrays, 60, Gnss(mode=mode))
     assert len(whole) == 117
-    slow = rows_of(make_gnss(arrays, range(60), Gnss(mode=mode, rate_hz=10), 1, "s"))
+    slow = rows_of(make_gnss, arrays, range(60), Gnss(mode=mode, rate_hz=10), 1, "s")
     assert sorted({frame for frame, _ in slow}) == [0, 10, 20, 30, 40, 50]
     for key, row in slow.items():
         np.testing.assert_array_equal(whole[key], row)
@@ -228,7 +238,7 @@ def test_errors_differ_between_streams() -> None:
     arrays = driving(still(2), still(2))
 
     def errors(config: Gnss, seed: int = 1, scenario: str = "s", agent: int = 0) -> np.ndarray:
-        return rows_of(make_gnss(arrays, [1], config, seed, scenario))[1, agent]
+        return rows_of(make_gnss, arrays, [1], config, seed, scenario)[1, agent]
 
     for mode in ("carla", "physical"):
         config = Gnss(mode=mode)
@@ -239,10 +249,14 @@ def test_errors_differ_between_streams() -> None:
 
 
 def test_rows_fill_the_table() -> None:
-    arrays = driving(straight(20), still(20))
+    arrays, config = driving(straight(20), still(20)), Gnss(rate_hz=10)
+    scene, motion = DeviceScene(arrays, "cpu", 1), differentiate(arrays.poses)
     for frames, count in ((range(20), 4), (range(1, 9), 0)):
-        rows = gnss_rows(arrays, "gnss", make_gnss(arrays, frames, Gnss(rate_hz=10), 1, "s"))
-        table = table_from_columns("gnss", {"scenario": "s", "weather": "sunny", **rows})
+        views = sample_views(arrays, frames, config)
+        data = SensorInput(scene, motion, views, {"sunny": Weather()}, 1, "s")
+        rows = to_tables(data, config, simulate(data, config)["sunny"])["gnss"]
+        key = {"scenario": "s", "weather": "sunny", **sample_columns(arrays, "gnss", views.frame, views.actor)}
+        table = table_from_columns("gnss", {**key, **rows})
         assert table.num_rows == count
         for row in table.to_pylist()[:1]:
             assert row["agent"] == "cav_1" and 48.99 < row["latitude_deg"] < 49.01
@@ -252,5 +266,5 @@ def test_rows_fill_the_table() -> None:
 def test_without_agents_there_are_no_rows() -> None:
     arrays = arrays_from_parts([ground_part()], (), [("car", "vehicle", -1)], still(3)[:, None])
     for mode in ("carla", "physical"):
-        assert len(make_gnss(arrays, range(3), Gnss(mode=mode), 1, "s").frame) == 0
-        assert len(make_imu(arrays, range(3), Imu(mode=mode), 1, "s").frame) == 0
+        assert gnss_samples(arrays, range(3), Gnss(mode=mode), 1, "s").geodetic.shape == (0, 3)
+        assert sampled(make_imu, arrays, range(3), Imu(mode=mode), 1, "s").accel.shape == (0, 3)

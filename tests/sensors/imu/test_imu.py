@@ -1,5 +1,7 @@
 """IMU and kinematics: analytic motions, the inverse integrator, CARLA's axes and habits."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -21,10 +23,12 @@ from mmw.core.transforms import (
 from mmw.sensors import Imu
 from mmw.sensors.imu.noise import imu_errors
 from mmw.sensors.imu.simulate import integrate_imu, make_imu, measure
-from tests.fixtures.driving_agents import assert_batches_do_not_matter, driving
+from tests.fixtures.driving_agents import assert_batches_do_not_matter, driving, rows_of, sampled
 from tests.fixtures.scenes import ABSENT, two_cars
 
 G = np.array([0.0, 0.0, GRAVITY])
+
+imu_samples = partial(sampled, make_imu)
 
 
 def times(count: int = 1001) -> np.ndarray:
@@ -197,16 +201,15 @@ def test_recording_without_frames_has_no_derivatives() -> None:
 def test_batch_rows_order_truth_and_errors() -> None:
     arrays = two_cars(8)
     config = Imu(mount={"cav": MountConfig(position_m=(0.5, 0.0, 1.0))})
-    whole = make_imu(arrays, range(8), config, 42, "canyon")
-    np.testing.assert_array_equal(whole.frame, np.arange(8))
-    np.testing.assert_array_equal(whole.actor, 0)
+    whole = imu_samples(arrays, range(8), config, 42, "canyon")
+    assert len(whole.compass) == 8  # cav_1 alone carries it
     np.testing.assert_allclose(whole.accel_true, np.tile(G, (8, 1)), atol=1e-9)
     errors = imu_errors(config, range(8), 42, "canyon", ["cav_1"])
     np.testing.assert_allclose(whole.accel - whole.accel_true, errors.noise[0, 0], atol=1e-14)
     np.testing.assert_allclose(whole.gyro - whole.gyro_true, errors.noise[1, 0] + 0.001, atol=1e-14)
     np.testing.assert_array_equal(whole.accel_bias, 0.0)
     np.testing.assert_array_equal(whole.gyro_bias, 0.001)
-    silent = make_imu(arrays, range(8), Imu(accel_noise_std=0, gyro_noise_std=0, gyro_bias=0), 42, "canyon")
+    silent = imu_samples(arrays, range(8), Imu(accel_noise_std=0, gyro_noise_std=0, gyro_bias=0), 42, "canyon")
     np.testing.assert_array_equal(silent.accel, silent.accel_true)
 
 
@@ -220,7 +223,7 @@ def test_rows_do_not_depend_on_the_batch(mode: str, lag: int, handedness: str) -
         mode=mode, accel_lag_frames=lag, handedness=handedness, bias_correlation_s=None if lag else 5.0,
         accel_scale_std=0.01, misalignment_std_deg=0.5, mount={"cav": MountConfig(position_m=(1, 2, 3), yaw_deg=30)},
     )  # fmt: skip
-    whole = assert_batches_do_not_matter(lambda *at: make_imu(*at, config, 1, "s"), arrays, 60)
+    whole = assert_batches_do_not_matter(make_imu, arrays, 60, config)
     assert len(whole) == 117
 
 
@@ -240,8 +243,8 @@ def test_left_handed_rates_have_carlas_signs(axis: int) -> None:
     angles[axis] = 0.02 * times(30)  # yaw, pitch, roll: small, so that order does not matter
     poses = pose_from_ypr(np.zeros((30, 3)), *angles)
     quiet = Imu(handedness="left", gyro_noise_std=0, gyro_bias=0)
-    left = make_imu(driving(poses), range(30), quiet, 1, "s")
-    right = make_imu(driving(poses), range(30), quiet.model_copy(update={"handedness": "right"}), 1, "s")
+    left = imu_samples(driving(poses), range(30), quiet, 1, "s")
+    right = imu_samples(driving(poses), range(30), quiet.model_copy(update={"handedness": "right"}), 1, "s")
     np.testing.assert_allclose(left.gyro, carla_rates(poses), atol=1e-9)
     np.testing.assert_allclose(right.gyro, np.tile(np.eye(3)[2 - axis] * 0.02, (30, 1)), atol=1e-9)
 
@@ -249,16 +252,16 @@ def test_left_handed_rates_have_carlas_signs(axis: int) -> None:
 def test_left_handed_forces() -> None:
     config = Imu(handedness="left", accel_noise_std=0)
     # A left turn accelerates to the left: +y of ours, -y of CARLA's. Rest reads +9.81 on z in both.
-    turn = make_imu(driving(circle(15.0, 9.0, 50)), range(5, 45), config, 1, "s")
+    turn = imu_samples(driving(circle(15.0, 9.0, 50)), range(5, 45), config, 1, "s")
     np.testing.assert_allclose(turn.accel, np.tile([0.0, -5.4, GRAVITY], (40, 1)), atol=1e-4)
     np.testing.assert_allclose(turn.gyro_true, np.tile([0.0, 0.0, -0.6], (40, 1)), atol=1e-9)
     # Left side up by 0.1 rad: the support pushes along the body's left.
     bank = pose_from_ypr(np.zeros((9, 3)), 0.0, 0.0, np.full(9, 0.1))
-    rest = make_imu(driving(bank), range(9), config, 1, "s")
+    rest = imu_samples(driving(bank), range(9), config, 1, "s")
     np.testing.assert_allclose(rest.accel, np.tile([0, -GRAVITY * np.sin(0.1), GRAVITY * np.cos(0.1)], (9, 1)))
     # Mirroring the world by hand gives the same: CARLA's positions are (x, -y, z), its turns are mirrored too.
     poses = drive(100)
-    batch = make_imu(driving(poses), range(100), config, 1, "s")
+    batch = imu_samples(driving(poses), range(100), config, 1, "s")
     mirror = np.diag([1.0, -1.0, 1.0])
     rotation = mirror @ quaternion_to_matrix(poses[:, 3:]) @ mirror  # sensor to world, both left-handed
     acceleration = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) @ mirror / FRAME_DT**2 + G
@@ -273,7 +276,7 @@ def test_left_handed_forces() -> None:
 def test_carlas_accelerometer_is_one_frame_late() -> None:
     poses = drive(40)
     config = Imu(accel_lag_frames=1, accel_noise_std=0, gyro_noise_std=0, gyro_bias=0)
-    late = make_imu(driving(poses), range(40), config, 1, "s")
+    late = imu_samples(driving(poses), range(40), config, 1, "s")
     # CARLA: second difference of the last three positions, in the axes of now.
     second = (poses[2:, :3] - 2 * poses[1:-1, :3] + poses[:-2, :3]) / FRAME_DT**2
     np.testing.assert_allclose(late.accel[2:], rotate(conjugate(poses[2:, 3:]), second + G), atol=1e-8)
@@ -285,11 +288,11 @@ def test_carlas_accelerometer_is_one_frame_late() -> None:
 def test_compass_is_clockwise_from_north() -> None:
     yaw = np.radians([90.0, 0.0, -90.0, 180.0, 89.0, 91.0])  # north, east, south, west, just east and west of north
     arrays = driving(*(np.tile(pose_from_ypr((0, 0, 0), angle, 0.1, 0.2), (3, 1)) for angle in yaw))
-    found = np.degrees(make_imu(arrays, [1], Imu(), 1, "s").compass)
+    found = np.degrees(imu_samples(arrays, [1], Imu(), 1, "s").compass)
     np.testing.assert_allclose(found, [0, 90, 180, 270, 1, 359], atol=1e-9)
     rear = Imu(mount={"cav": MountConfig(yaw_deg=180.0)})
     np.testing.assert_allclose(
-        np.degrees(make_imu(arrays, [1], rear, 1, "s").compass[:4]), [180, 270, 0, 90], atol=1e-9
+        np.degrees(imu_samples(arrays, [1], rear, 1, "s").compass[:4]), [180, 270, 0, 90], atol=1e-9
     )
 
 
@@ -298,7 +301,7 @@ def test_scale_and_misalignment_turn_and_stretch_the_true_reading() -> None:
         mode="physical", accel_noise_density=0, gyro_noise_density=0, accel_random_walk=0, gyro_random_walk=0,
         gyro_bias=0, accel_scale_std=0.02, gyro_scale_std=0.05, misalignment_std_deg=1.0,
     )  # fmt: skip
-    batch = make_imu(driving(drive(30)), range(30), config, 3, "s")
+    batch = imu_samples(driving(drive(30)), range(30), config, 3, "s")
     for read, true, spread in ((batch.accel, batch.accel_true, 0.02), (batch.gyro, batch.gyro_true, 0.05)):
         matrix, _, rank, _ = np.linalg.lstsq(true, read, rcond=None)
         np.testing.assert_allclose(true @ matrix, read, atol=1e-12)
@@ -313,8 +316,8 @@ def test_scale_and_misalignment_turn_and_stretch_the_true_reading() -> None:
 def test_absent_agents_have_no_rows() -> None:
     arrays = two_cars(8)
     arrays.poses[3, 0] = ABSENT
-    np.testing.assert_array_equal(make_imu(arrays, range(8), Imu(), 1, "s").frame, [0, 1, 2, 4, 5, 6, 7])
-    assert len(make_imu(arrays, [3], Imu(), 1, "s").frame) == 0
+    assert [frame for frame, _ in rows_of(make_imu, arrays, range(8), Imu(), 1, "s")] == [0, 1, 2, 4, 5, 6, 7]
+    assert imu_samples(arrays, [3], Imu(), 1, "s").accel.shape == (0, 3)
 
 
 def test_specific_force_is_what_the_body_frame_sees() -> None:

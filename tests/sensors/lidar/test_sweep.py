@@ -119,7 +119,7 @@ def test_flow_moves_points_with_their_object(device: str) -> None:
     views = make_views(arrays, [1, 2, 3], config)
     batch = sweeps(arrays, device, [1, 2, 3], config)
     flow = scene_flow(arrays, views, batch)
-    assert flow.shape == (3, batch.offsets[-1]) and flow.dtype == np.float32
+    assert flow.shape == (batch.offsets[-1], 3) and flow.dtype == np.float32
     target = arrays.actors[1]
     for view in range(3):
         part = slice(batch.offsets[view], batch.offsets[view + 1])
@@ -127,9 +127,9 @@ def test_flow_moves_points_with_their_object(device: str) -> None:
         assert on_car.sum() > 20
         # 0.2 m a frame along x of the world, in the last frame too, where the step before is repeated.
         wanted = rotate(views.pose[view, 3:] * [-1, -1, -1, 1], np.array([0.2, 0.0, 0.0]))
-        np.testing.assert_allclose(flow[:, part][:, on_car].T, np.broadcast_to(wanted, (on_car.sum(), 3)), atol=1e-5)
+        np.testing.assert_allclose(flow[part][on_car], np.broadcast_to(wanted, (on_car.sum(), 3)), atol=1e-5)
         is_town = ~np.isin(batch.object_id[part], [a.object_id for a in arrays.actors])
-        assert is_town.sum() > 500 and not flow[:, part][:, is_town].any()
+        assert is_town.sum() > 500 and not flow[part][is_town].any()
 
 
 def test_flow_turns_with_a_turning_object(device: str) -> None:
@@ -144,7 +144,7 @@ def test_flow_turns_with_a_turning_object(device: str) -> None:
     world = transform_points(views.pose[0], points_of(batch)[on_car])
     local = transform_points(invert(poses[1, 1]), world)
     arrived = transform_points(poses[2, 1], local)
-    ends = transform_points(views.pose[0], points_of(batch)[on_car] + flow[:, on_car].T)
+    ends = transform_points(views.pose[0], points_of(batch)[on_car] + flow[on_car])
     np.testing.assert_allclose(ends, arrived, atol=2e-5)
     step = arrived - world
     assert on_car.sum() > 20 and np.ptp(np.linalg.norm(step, axis=1)) > 0.005
@@ -157,7 +157,7 @@ def test_flow_of_what_is_there_once_is_zero(device: str) -> None:
     batch = sweeps(arrays, device, [1], config, "rainy")
     flow = scene_flow(arrays, make_views(arrays, [1], config), batch)
     assert (batch.object_id == arrays.actors[1].object_id).sum() > 20 and (batch.label == 1).sum() > 0
-    assert not flow[:, batch.object_id != arrays.actors[0].object_id].any()
+    assert not flow[batch.object_id != arrays.actors[0].object_id].any()
 
 
 def test_rows_hold_every_column(device: str) -> None:
@@ -166,7 +166,8 @@ def test_rows_hold_every_column(device: str) -> None:
     views = make_views(arrays, [0, 1], config)
     batch = sweeps(arrays, device, [0, 1], config, "foggy")
     fixed = {"scenario": "s", "weather": "foggy"}
-    with_flow = lidar_rows(arrays, "lidar", views, batch, scene_flow(arrays, views, batch))
+    flow = scene_flow(arrays, views, batch)
+    with_flow = lidar_rows(arrays, "lidar", views, dataclasses.replace(batch, scene_flow=flow))
     without = lidar_rows(arrays, "lidar", views, batch)
     for rows, nulls in ((with_flow, 0), (without, len(views))):
         table = table_from_columns("lidar", {**fixed, **rows})

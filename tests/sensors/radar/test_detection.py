@@ -15,7 +15,7 @@ from mmw.sensors.radar.detection import cell_echoes, detect
 from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN
 from mmw.sensors.radar.rain_clutter import cell_volume, fall_speed, rain_backscatter, rain_clutter
 from mmw.sensors.radar.resolution_cells import angle_cells, cell_grid, unravel
-from mmw.sensors.radar.simulate import air_loss_db_per_km, radome_loss_db
+from mmw.sensors.radar.trace import air_loss_db_per_km, radome_loss_db
 from tests.fixtures.radar_points import detections, make_cells, make_keys, target
 
 RAIN_TABLE = Path(__file__).parents[2] / "reference" / "weather" / "radar_rain_77ghz.csv"

@@ -17,7 +17,7 @@ from mmw.sensors import Radar
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.reflectivity import reflectivity_table
 from mmw.sensors.radar.rows import radar_rows
-from mmw.sensors.radar.simulate import air_loss_db_per_km, carla_points, dense_points, shade_radar, trace_radar
+from mmw.sensors.radar.trace import air_loss_db_per_km, carla_points, dense_points, shade_radar, trace_radar
 from mmw.storage.arrow_tables import table_from_columns
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.device_rays import loaded

@@ -1,0 +1,104 @@
+"""Read tables of frames from wherever they are: the files of a dataset, or memory."""
+
+import operator
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Protocol
+
+import pyarrow as pa
+import pyarrow.dataset as pds
+
+from mmw.core.errors import InputError
+
+
+class TableReader(Protocol):
+    """Source of a `Frame`: a `Dataset`, or `MemoryTables`."""
+
+    @property
+    def root(self) -> object:
+        """Its place, as messages name it."""
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables that it has."""
+        ...
+
+    def read(
+        self,
+        table: str,
+        *,
+        columns: Sequence[str] | None = None,
+        scenario: str | None = None,
+        weather: str | None = None,
+        frames: range | None = None,
+        agent: str | None = None,
+        sensor: str | None = None,
+    ) -> pa.Table:
+        """Return the rows of a table, see `Dataset.read`."""
+        ...
+
+
+@dataclass(frozen=True)
+class MemoryTables:
+    """Tables in memory, read like those of a `Dataset`."""
+
+    root: str
+    """What they are, for messages."""
+    held: Mapping[str, pa.Table]
+    """Table name -> rows, sorted by the table's key."""
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """Names of the tables."""
+        return tuple(self.held)
+
+    def read(
+        self,
+        table: str,
+        *,
+        columns: Sequence[str] | None = None,
+        scenario: str | None = None,
+        weather: str | None = None,
+        frames: range | None = None,
+        agent: str | None = None,
+        sensor: str | None = None,
+    ) -> pa.Table:
+        """Return the rows of a table, see `Dataset.read`.
+
+        Raises:
+            InputError: If there is no such table or column.
+        """
+        if table not in self.held:
+            raise InputError(f"{self.root}: has no table {table!r}; it has {', '.join(self.held)}; name one of these")
+        found = self.held[table]
+        given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
+        given = {name: value for name, value in given.items() if value is not None}
+        check_columns(self.root, table, found.column_names, [*(columns or ()), *given])
+        expression = row_filter(given, frames)
+        if expression is not None:
+            found = found.filter(expression)
+        return found.select(list(columns)) if columns else found
+
+
+def check_columns(root: object, table: str, known: Sequence[str], names: Sequence[str]) -> None:
+    """Check that a table has columns.
+
+    Raises:
+        InputError: If one is missing.
+    """
+    missing = [name for name in names if name not in known]
+    if missing:
+        raise InputError(
+            f"{root}: table {table!r}: has no column {', '.join(missing)}; it has {', '.join(known)}; name these"
+        )
+
+
+def row_filter(given: Mapping[str, str], frames: range | None) -> pds.Expression | None:
+    """Return the condition of rows that have values in some columns and are of some frames; None for all rows."""
+    conditions = [pds.field(name) == value for name, value in given.items()]
+    if frames is not None:
+        conditions += [pds.field("frame") >= min(frames, default=0), pds.field("frame") <= max(frames, default=-1)]
+        if abs(frames.step) != 1:
+            conditions.append(pds.field("frame").isin(list(frames)))
+    return reduce(operator.and_, conditions) if conditions else None

@@ -1,0 +1,178 @@
+"""Generate the dataset of a configuration: the work of `mmw.generate` and of `mmw run`."""
+
+import multiprocessing
+import os
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from mmw.config import Config, ConfigError
+from mmw.config.load import Source, base_folder, in_config, load_config, place_of
+from mmw.config.sensor_spec import SENSORS
+from mmw.config.traffic_engine import ENGINES
+from mmw.core.errors import InputError
+from mmw.core.registry import REGISTERED
+from mmw.generation.executors.process_pool import may_use_processes, start_server
+
+if TYPE_CHECKING:
+    from mmw.dataset import Dataset
+
+ACCEPTABLE = ("versions", "machine")
+"""Differences from the shards that are there which a resume may accept, see `mmw.generation.continuation`."""
+
+
+def generate(
+    config: Source,
+    out: str | os.PathLike[str] | None = None,
+    *,
+    overrides: Sequence[str] = (),
+    base: str | os.PathLike[str] | None = None,
+    device: str | None = None,
+    workers: int | Literal["auto"] | None = None,
+    overwrite: bool = False,
+    accept: Collection[str] = (),
+    progress: bool = True,
+) -> "Dataset":
+    """Generate the missing frames of a dataset and open it, as `mmw run` does.
+
+    The same call resumes what an earlier one, or a killed one, has left. Worker processes do not run the caller's
+    script, which needs no guard for them.
+
+    Args:
+        config: Path of a YAML file; name of a shipped configuration, such as `quickstart`; content of a file as a
+            mapping; or a `Config`.
+        out: Dataset folder, or `s3://bucket/folder`; by default `output.dir`.
+        overrides: `key=value` as on the command line, values as YAML: `frames.count=10`.
+        base: Folder that relative paths of input files start from. By default that of the configuration file; the
+            current folder for a mapping and a `Config`.
+        device: `auto`, `cpu` or `cuda:N`; by default `compute.device`.
+        workers: Processes that trace, or `auto`; by default `compute.workers`.
+        overwrite: Remove the data in the folder and generate it again.
+        accept: Differences from the shards that are there that do not stop a resume: `versions`, `machine`.
+        progress: Show the progress on standard error, and a summary on standard output. Without, nothing is printed;
+            the logger `mmw` has it all.
+
+    Raises:
+        ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
+        InputError: If the folder has data of another configuration, or is being written or cannot be.
+        Error: If the disk is full, workers die, or a store cannot be reached; the same call resumes.
+    """
+    options = {
+        "output.dir": None if out is None else os.fspath(out), "compute.device": device, "compute.workers": workers
+    }  # fmt: skip
+    given = {key: value for key, value in options.items() if value is not None}
+    found = load_config(config, overrides, given, base=base)
+    where = base_folder(config, base)
+    run_config(found, where, place_of(config), overwrite=overwrite, accept=accept, is_quiet=not progress)
+    from mmw.dataset import open_dataset
+
+    return open_dataset(found.output.dir)
+
+
+def run_config(
+    config: Config,
+    base: Path,
+    place: Path | str,
+    *,
+    overwrite: bool = False,
+    shard: str = "0/1",
+    accept: Collection[str] = (),
+    is_quiet: bool = False,
+) -> None:
+    """Generate the dataset of a configuration, or a part of it.
+
+    Args:
+        config: The configuration.
+        base: Folder that relative paths of input files start from.
+        place: File of the configuration, or words for one that is no file, as messages begin.
+        overwrite: Remove the data in the folder and generate it again.
+        shard: Part of the dataset, `i/N`.
+        accept: Names of `ACCEPTABLE`.
+        is_quiet: Print nothing.
+
+    Raises:
+        InputError: If the configuration or a file that it names cannot be used.
+        Error: If the disk or the memory is full, workers die, or a store cannot be reached.
+    """
+    unknown = [accept] if isinstance(accept, str) else sorted(set(accept) - set(ACCEPTABLE))
+    if unknown:
+        raise InputError(f"accept: {unknown[0]!r} is unknown; give a list of some of {', '.join(ACCEPTABLE)}")
+    with in_config(place):
+        config, note = _with_fitting_workers(config)
+    if may_use_processes(config.compute, config.frame_total):
+        start_server()
+    from mmw.generation.estimate import check_inputs
+    from mmw.generation.executors.executor import open_executor
+    from mmw.generation.generate import generate_dataset, output_of
+    from mmw.generation.progress import Console
+    from mmw.generation.shards import Partition
+
+    with in_config(place):
+        part = Partition.parse(shard)
+        output_of(config, part)  # refuses an invalid address
+        check_inputs(config, base)
+        with Console(is_quiet=is_quiet) as console, open_executor(config.compute, console) as executor:
+            if note:
+                console.warn_once(note)
+            generate_dataset(
+                config,
+                base=base,
+                executor=executor,
+                part=part,
+                overwrite=overwrite,
+                console=console,
+                accepted=frozenset(accept),
+            )
+
+
+def describe_config(config: Config, base: Path, place: Path | str, shard: str = "0/1") -> str:
+    """Return the text of `--dry-run`: what `run_config` would generate with the same arguments.
+
+    Raises:
+        InputError: As `run_config`.
+    """
+    from mmw.core.device import worker_devices
+    from mmw.generation.estimate import check_inputs, describe_plan
+    from mmw.generation.generate import output_of
+    from mmw.generation.shards import Partition
+
+    with in_config(place):
+        output_of(config, Partition.parse(shard))
+        check_inputs(config, base)
+        compute = config.compute
+        is_local = compute.engine == "local"
+        where = worker_devices(compute.device, compute.workers)[0] if is_local else "a Ray cluster"
+        return describe_plan(config, base, where)
+
+
+def _with_fitting_workers(config: Config) -> tuple[Config, str]:
+    """Return a configuration with one worker if worker processes could not do its work, and a note on it.
+
+    Raises:
+        ConfigError: If the configuration demands several workers.
+    """
+    compute = config.compute
+    reason = _why_one_process(config)
+    if not reason or not (compute.engine != "local" or may_use_processes(compute, config.frame_total)):
+        return config, ""
+    if compute.engine != "local":
+        raise ConfigError([f"compute.engine = {compute.engine!r}: {reason}; use engine local with workers = 1"])
+    if compute.workers != "auto":
+        raise ConfigError([f"compute.workers = {compute.workers}: {reason}; give workers = 1"])
+    single = config.model_copy(update={"compute": compute.model_copy(update={"workers": 1})})
+    return single, f"one worker, because {reason}"
+
+
+def _why_one_process(config: Config) -> str:
+    """Return why only this process can do the work of a configuration; empty if other processes can."""
+    engines = [scenario.traffic.engine for scenario in config.scenarios if scenario.traffic]
+    for what, registry, names in (
+        ("sensor", SENSORS, [sensor.type for sensor in config.sensors]),
+        ("traffic engine", ENGINES, engines),
+    ):
+        for name in names:
+            if registry.owner(name) == REGISTERED:
+                return f"{what} {name!r} is registered in this process only, and is no entry point of a package"
+    if multiprocessing.current_process().daemon:
+        return "this process is a worker of multiprocessing itself, which may start no processes"
+    return ""

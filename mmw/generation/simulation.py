@@ -1,0 +1,221 @@
+"""Replay a scenario frame by frame in memory: the rows that a run would store, without a dataset."""
+
+import logging
+import os
+import tempfile
+import threading
+import weakref
+from collections.abc import Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
+from operator import index
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from mmw.config import ScenarioConfig
+from mmw.config.load import Source, base_folder, in_config, load_config, place_of
+from mmw.core.device import choose_device, writer_threads
+from mmw.core.errors import InputError
+from mmw.core.timing import StageTimer
+from mmw.dataset.frame import Frame
+from mmw.dataset.table_reader import MemoryTables
+from mmw.generation.configuration_warnings import configuration_warnings
+from mmw.generation.estimate import check_inputs
+from mmw.generation.pipeline import join_batches, make_batch, trace_work
+from mmw.generation.precompile import compiled_ahead, warm_up
+from mmw.generation.shards import Work
+from mmw.scene.prepare import prepare_scenario, read_scenario
+from mmw.scene.rows import static_rows
+from mmw.sensors.batch import Batch, TableRows
+from mmw.storage.arrow_tables import normalize_names, table_from_columns
+
+LOGGER = logging.getLogger(__name__)
+
+FRAMES_PER_LAUNCH = {"cpu": 1, "cuda": 8}
+"""Frames that an iteration traces in one launch at most; `compute.batch_frames` may be fewer. Design values."""
+
+
+class Simulation:
+    """Frames of one scenario in one weather, traced when they are requested; nothing of them is written.
+
+    ```python
+    for frame in mmw.Simulation("quickstart"):
+        points = frame.agents["cav_1"].sensor("lidar").world
+    ```
+
+    A frame is the `mmw.Frame` of a dataset: its tables have the rows that `mmw.generate` stores for the same
+    configuration, bit for bit on the same kind of machine. It keeps its own rows only, so that frames can be kept
+    after the simulation is closed. `frame.data.read` gives the tables `objects`, `sensors` and `materials` too.
+
+    Iterating traces the frames in order, and again each time. `len(simulation)` counts them, `simulation[i]` traces
+    the i-th, and `simulation.frame(k)` the one with number k. Notes on the scenario are records of the logger `mmw`.
+    """
+
+    def __init__(
+        self,
+        config: Source,
+        *,
+        scenario: str | None = None,
+        weather: str | None = None,
+        base: str | os.PathLike[str] | None = None,
+        device: str = "auto",
+    ) -> None:
+        """Simulate the traffic, read the scenario, and load it onto the device.
+
+        Its USD stage is in a temporary folder, which is removed by `close`, by the end of a `with` block, or with the
+        object.
+
+        Args:
+            config: Path of a YAML file; name of a shipped configuration, such as `quickstart`; content of a file as a
+                mapping; or a `Config`.
+            scenario: One of its scenarios; the first by default.
+            weather: One of its weathers; the first by default.
+            base: Folder that relative paths of input files start from. By default that of the configuration file; the
+                current folder for a mapping and a `Config`.
+            device: `cpu`, `cuda:N`, or `auto` for `compute.device`, by default the first CUDA device, else the CPU.
+
+        Raises:
+            ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
+            InputError: If there is no such scenario, weather or device.
+            OutOfSpaceError: If the disk of temporary files is full.
+        """
+        found = load_config(config, base=base)
+        self.config = found
+        """The configuration, validated."""
+        chosen = found.scenario(scenario or "")
+        self.scenario = chosen.name
+        """Name of the scenario."""
+        self.weather = found.weathers[0] if weather is None else weather
+        """Name of the weather."""
+        if self.weather not in found.weathers:
+            raise InputError(f"weather = {weather}: there are {', '.join(found.weathers)}; name one of them")
+        frames = found.frames_of(chosen)
+        self.frames = range(frames.start, frames.stop)
+        """Numbers of the frames."""
+        self._lock = threading.Lock()
+        self._batch: Batch | None = None
+        where = base_folder(config, base)
+        with in_config(place_of(config)):
+            check_inputs(found.model_copy(update={"scenarios": (chosen,)}), where)
+        self.device = choose_device(found.compute.device if device == "auto" else device)
+        """Warp device that traces."""
+        self._step = min(found.compute.batch_frames, FRAMES_PER_LAUNCH[self.device.partition(":")[0]])
+        with ExitStack() as stack:
+            self._load(chosen, where, stack)
+            self._finalizer = weakref.finalize(self, stack.pop_all().close)
+
+    def _load(self, scenario: ScenarioConfig, base: Path, stack: ExitStack) -> None:
+        """Load the scenario onto the device; what it keeps open is closed with the stack."""
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="mmw_simulation_")))
+        threads = writer_threads(self.config.compute.writer_threads, 1)
+        pool = stack.enter_context(ThreadPoolExecutor(threads, thread_name_prefix="mmw-simulation"))
+        # The first weather of a run decides which textures have holes; the others would be prepared for nothing.
+        weathers = tuple(dict.fromkeys((self.config.weathers[0], self.weather)))
+        config = self.config.model_copy(update={"weathers": weathers})
+        with compiled_ahead(config, self.device) as kernels:
+            skies = warm_up(config, pool)
+            stage = prepare_scenario(self.config, scenario, base, folder)
+            arrays = read_scenario(self.config, scenario, stage)
+            _log(configuration_warnings(arrays, self.config, scenario))
+            for future in (*kernels, *skies):
+                future.result()
+        self._batch = make_batch(config, scenario, arrays, self.device, self._step, pool, StageTimer())
+        _log(self._batch.texture_notes())
+        self.static_tables: Mapping[str, pa.Table] = {
+            name: table_from_columns(name, {"scenario": self.scenario, **columns})
+            for name, columns in static_rows(arrays, self.config).items()
+        }
+        """Tables that no frame changes: `objects`, `sensors`, `materials`."""
+
+    def __enter__(self) -> "Simulation":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Free the device and remove the temporary folder; frames stay usable, and closing again changes nothing."""
+        with self._lock:
+            self._batch = None
+            self._finalizer()
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __iter__(self) -> Iterator[Frame]:
+        first = self.frames.start
+        while first < self.frames.stop:
+            some = range(first, min(first + self._step, self.frames.stop))
+            yield from self._trace(some)
+            first = some.stop
+
+    def __getitem__(self, position: int) -> Frame:
+        """Trace the frame at a position, counted from 0, or from the end if negative.
+
+        Raises:
+            InputError: If there is no such position.
+        """
+        place = index(position)
+        if not -len(self) <= place < len(self):
+            raise InputError(f"simulation[{place}]: has {len(self)} frames; give 0 to {len(self) - 1}")
+        return self._trace(range(self.frames[place], self.frames[place] + 1))[0]
+
+    def frame(self, number: int) -> Frame:
+        """Trace the frame with a number, as `Dataset.frame` reads it.
+
+        Raises:
+            InputError: If the configuration has no such frame.
+        """
+        number = index(number)
+        if number not in self.frames:
+            first, last = self.frames.start, self.frames.stop - 1
+            raise InputError(f"frame = {number}: {self.scenario} has {first} to {last}; name one of them")
+        return self._trace(range(number, number + 1))[0]
+
+    def _trace(self, frames: range) -> list[Frame]:
+        """Trace some frames, in one launch if the memory is enough."""
+        found: list[Frame] = []
+        work = Work(self.scenario, frames.start, frames.stop, (self.weather,))
+        with self._lock:  # the device holds one batch of frames
+            if self._batch is None:
+                raise InputError(f"simulation of {self.scenario}: is closed; make another one")
+            self._step = trace_work(
+                self._batch, work, self._step, _LogReporter(), lambda some, rows: found.extend(self._frames(some, rows))
+            )
+        return found
+
+    def _frames(self, frames: range, rows: TableRows) -> Iterator[Frame]:
+        """Yield the frames of a batch, each with a copy of its own rows."""
+        whole = {
+            name: join_batches(name, self.scenario, self.weather, batches)
+            for name, batches in rows[self.weather].items()
+        }
+        root = f"simulation of {self.scenario}"
+        for frame in frames:
+            own = {name: _rows_of(table, frame) for name, table in whole.items()}
+            yield Frame(MemoryTables(root, {**own, **self.static_tables}), self.scenario, self.weather, frame)
+
+
+def _log(notes: Iterable[str]) -> None:
+    for note in notes:
+        LOGGER.warning("%s", note)
+
+
+def _rows_of(table: pa.Table, frame: int) -> pa.Table:
+    """Return the rows of a frame, sharing nothing with the others."""
+    return normalize_names(table.filter(pc.equal(table.column("frame"), frame)))
+
+
+class _LogReporter:
+    """`Reporter` of a simulation."""
+
+    def __init__(self) -> None:
+        self.timer = StageTimer()
+
+    def warn_once(self, text: str) -> None:
+        LOGGER.warning("%s", text)
+
+    def advance(self, frames: int, where: str) -> None:
+        LOGGER.debug("%s: %d frames", where, frames)

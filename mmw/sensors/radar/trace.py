@@ -1,0 +1,180 @@
+"""Trace radar rays once a batch, and evaluate the radar equation in every weather."""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import warp as wp
+
+from mmw.kernels.radar import trace as radar
+from mmw.physics.em.attenuation import path_loss_db
+from mmw.physics.materials.material import Material
+from mmw.physics.weather.weather import Weather
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.views import Views
+from mmw.sensors.radar.config import Radar
+from mmw.sensors.radar.points import LABEL_OBJECT, RadarPoints
+from mmw.sensors.radar.reflectivity import reflectivity_table
+from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
+
+RADOME_RAIN_MM_H = 10.0
+"""Rain rate at which a wet radome has the loss `Radar.wet_radome_db` [mm/h]."""
+
+
+def trace_radar(
+    scene: DeviceScene, views: Views, velocity: np.ndarray, config: Radar, keys: np.ndarray
+) -> radar.RadarHits:
+    """Return the first surface on every ray of every view: geometry and motion only, so it serves every weather.
+
+    `carla` casts CARLA's rays: end points on the plane x = range, at a radius u and an angle 2 pi v of the ellipse
+    that the field of view cuts out of it, with u and v uniform. The rays are dense in the middle, and reach
+    range / cos(angle) off it. A surface moves with its actor's origin; the town is at rest, and is hit like
+    everything else.
+
+    `physical` casts one ray in each cell of a grid that is even in azimuth and in the sine of elevation, so that all
+    rays have the same solid angle. Where in its cell is random and anew in each frame: each point of a cell is equally
+    likely, so the sum over an object's rays has its RCS as the mean, however small the object is. Rays through the
+    middles of the cells would see or miss a thin pole in all frames alike. A surface moves with its own point.
+
+    Args:
+        scene: Town and vehicles, with the views' frames loaded.
+        views: Sensor poses, A rows.
+        velocity: Velocity of each view's sensor, world frame [m/s], shape [A, 3] (`mmw.scene.views.view_twists`).
+        config: Field of view, range and number of rays R.
+        keys: Key of each view's random numbers, without the weather (`mmw.scene.views.view_keys`), shape [A, 2],
+            uint32.
+
+    Returns:
+        Arrays of shape [A, R] on the scene's device.
+
+    Raises:
+        ValueError: If a view's frame is not loaded in the scene, the batch has too many rays, or velocities or keys are
+            not one a view.
+
+    Source: CARLA 0.9.15 `sensor.other.radar`. Its velocity is positive while the distance grows, as ours, whatever its
+    documentation says. Stratified sampling: M. Pharr, W. Jakob, G. Humphreys, Physically Based Rendering.
+    """
+    device, rays = scene.device, config.ray_count
+    for name, values, width in (("velocity", velocity, 3), ("keys", keys, 2)):
+        if np.shape(values) != (len(views), width):
+            raise ValueError(
+                f"radar: {name} has shape {np.shape(values)}; one row a view is needed, ({len(views)}, {width}); make "
+                "it from the same views"
+            )
+    check_count("radar", len(views), rays)
+    on_device = views.for_scene(scene)
+    hits = empty_struct(radar.RadarHits, (len(views), rays), device)
+    if len(views) == 0:
+        return hits
+    common = [
+        scene.struct,
+        on_device,
+        wp.array(velocity.astype(np.float32), dtype=wp.vec3, device=device),
+        wp.array(keys, dtype=wp.vec2ui, device=device),
+    ]
+    half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
+    half_elevation = math.radians(config.vertical_fov_deg) / 2.0
+    if config.mode == "carla":
+        plane = config.range_m * np.array([1.0, math.tan(half_azimuth), math.tan(half_elevation)])
+        kernel, inputs = radar.carla_kernel, [*common, wp.vec3(*plane)]
+    else:
+        grid = radar.RadarGrid()
+        grid.columns, grid.rows = config.azimuth_rays, config.elevation_rays
+        grid.half_azimuth, grid.half_sine = half_azimuth, math.sin(half_elevation)
+        kernel, inputs = radar.grid_kernel, [*common, grid, config.range_m]
+    wp.launch(kernel, (len(views), rays), inputs=inputs, outputs=[hits], device=device, block_dim=BLOCK_DIM)
+    return hits
+
+
+def air_loss_db_per_km(weather: Weather, carrier_hz: float) -> float:
+    """Return the attenuation of a level, vertically polarised wave by rain, fog and gas of a weather, one way [dB/km].
+
+    Source: ITU-R P.838-3, P.840-9 and P.676-13, see `mmw.physics.em.attenuation`.
+    """
+    losses = path_loss_db(weather, carrier_hz, np.array([1000.0]), np.zeros(1))
+    return float(sum(loss[0, 0] for loss in losses.values()))
+
+
+def radome_loss_db(weather: Weather, config: Radar) -> float:
+    """Return the loss of the water film on the radome, both ways together [dB]; 0 without rain.
+
+    The film grows as the cube root of the rain rate, and the loss of a thin film with its thickness.
+
+    Source: laminar flow of a film, D. Gibble, "Effect of rain on transmission performance of a satellite communication
+    system", IEEE International Convention Record, 1964.
+    """
+    return config.wet_radome_db * (weather.rain_mm_h / RADOME_RAIN_MM_H) ** (1.0 / 3.0)
+
+
+def shade_radar(
+    hits: radar.RadarHits, materials: Sequence[Material], weather: Weather, config: Radar
+) -> radar.RadarRays:
+    """Return the echoes of traced rays in one weather.
+
+    A ray represents the surface that its solid angle W covers, W R^2 / cos(incidence): times the backscatter
+    coefficient that is its share of the RCS, and the radar equation makes power of it.
+
+    Args:
+        hits: Hits of the rays, of `physical`.
+        materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
+        weather: Rain, fog and air on the path, and how wet surfaces are.
+        config: Power, antennas and carrier.
+
+    Returns:
+        Arrays of shape [A, R] on the device; all but `power` and `rcs` are those of `hits`.
+
+    Raises:
+        ValueError: If there are no materials, one has an unknown base, or the carrier is outside a loss model.
+    """
+    device, shape = hits.range.device, hits.range.shape
+    rays = radar.RadarRays()
+    for name in ("range", "azimuth", "elevation", "velocity", "object_id"):
+        setattr(rays, name, getattr(hits, name))
+    rays.rcs, rays.power = (wp.empty(shape, dtype=float, device=device) for _ in range(2))
+    link = radar.RadarLink()
+    link.constant = config.link_constant * 10.0 ** (-radome_loss_db(weather, config) / 10.0)
+    link.solid_angle = config.solid_angle
+    link.loss_per_m = 2.0 * air_loss_db_per_km(weather, config.carrier_hz) / 1000.0 * math.log(10.0) / 10.0
+    link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
+    link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
+    surface = wp.array(reflectivity_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
+    inputs, outputs = [hits, surface, link], [rays.rcs, rays.power]
+    wp.launch(radar.echo_kernel, shape, inputs, outputs, device=device, block_dim=BLOCK_DIM)
+    return rays
+
+
+def decibels(values: np.ndarray) -> np.ndarray:
+    """Return 10 log10 of positive values, float32."""
+    return (10.0 * np.log10(values.astype(np.float64))).astype(np.float32)
+
+
+def carla_points(hits: radar.RadarHits) -> RadarPoints:
+    """Return what CARLA's radar reports: every ray with a hit, in the order of the rays."""
+    return _points(hits, hits.object_id.numpy() >= 0, None, None, None)
+
+
+def dense_points(rays: radar.RadarRays, config: Radar) -> RadarPoints:
+    """Return every ray that has an echo, in the order of the rays, without noise or threshold."""
+    power, rcs = rays.power.numpy(), rays.rcs.numpy()
+    is_echo = power > 0.0
+    power_w = power[is_echo].astype(np.float64)
+    return _points(
+        rays, is_echo, decibels(power_w * 1000.0), decibels(power_w / config.noise_w), decibels(rcs[is_echo])
+    )
+
+
+def _points(
+    rays: "radar.RadarHits | radar.RadarRays",
+    is_kept: np.ndarray,
+    power_db: np.ndarray | None,
+    snr_db: np.ndarray | None,
+    rcs_dbsm: np.ndarray | None,
+) -> RadarPoints:
+    offsets = np.concatenate([[0], np.cumsum(is_kept.sum(axis=1))]).astype(np.int32)
+    lists = (getattr(rays, name).numpy()[is_kept] for name in ("range", "azimuth", "elevation", "velocity"))
+    object_id = rays.object_id.numpy()[is_kept]
+    label = np.full(len(object_id), LABEL_OBJECT, dtype=np.uint8)
+    return RadarPoints(offsets, *lists, power_db, snr_db, rcs_dbsm, object_id, label)
