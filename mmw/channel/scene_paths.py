@@ -358,5 +358,5 @@ class Paths(PathArrays):
         return load_reference("mmw.torch.data:tensors_of")({name: getattr(self, name) for name in PATH_FIELDS})
 
     def plot(self, **options: Any) -> Any:
-        """Draw the paths and return the figure; see `mmw.viz.scene_view.plot_paths` for the options."""
-        return load_reference("mmw.viz.scene_view:plot_paths")(self, **options)
+        """Draw the paths and return the figure; see `mmw.viz.scene_view.path_plots.plot_paths` for the options."""
+        return load_reference("mmw.viz.scene_view.path_plots:plot_paths")(self, **options)

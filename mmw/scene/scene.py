@@ -25,6 +25,8 @@ from mmw.scene.scene_state import SceneState
 from mmw.usd.semantics import CARLA_TAG
 
 if TYPE_CHECKING:
+    from PIL.Image import Image
+
     from mmw.channel.antennas.arrays import PlanarArray
 
 Device = TypeVar("Device", bound=RadioDevice)
@@ -360,3 +362,21 @@ class Scene:
         """
         function = load_reference("mmw.sensors.scene_capture:capture")
         return function(self, sensor, pose=pose, actor=actor, velocity=velocity, weather=weather, output=output)
+
+    # --- seeing -------------------------------------------------------------------------------------------------------
+
+    def show(self, **options: Any) -> Any:
+        """Show the scene in 3-D: a widget in a notebook, a window in a script, or a file.
+
+        Args:
+            options: Those of `mmw.viz.scene_view.show.show`, such as `paths`, `radio_map`, `clip_z_m` and `save`.
+        """
+        return load_reference("mmw.viz.scene_view.show:show")(self, **options)
+
+    def render(self, **options: Any) -> "Image":
+        """Return a picture of the scene by the RGB camera, with paths and coverage drawn in.
+
+        Args:
+            options: Those of `mmw.viz.scene_view.picture.render_picture`: `eye`, `look_at`, `paths` and `radio_map`.
+        """
+        return load_reference("mmw.viz.scene_view.picture:render_picture")(self, **options)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any, Literal, overload
 
 import numpy as np
-from pydantic import ValidationError
 
 from mmw.channel.antennas.link_elements import EndElements, LinkElements
 from mmw.channel.antennas.patterns import slant_angles
@@ -147,7 +146,8 @@ class PathSolver:
         elements = LinkElements(*(_end_elements(own, index) for own, index in _pairs(tx, rx)))
         if slant_angles(tx.devices.arrays[0].polarization)[0] != 0.0:  # rain weakens horizontal waves a little more
             config = config.model_copy(update={"polarization": "H"})
-        trace = self._trace(scene, tx, rx, table, config, is_reciprocal=elements.is_uniform)
+        is_two_way = elements.is_uniform and bool(np.isin(tx.number, rx.number).any())
+        trace = self._trace(scene, tx, rx, table, config, is_reciprocal=is_two_way)
         air = {name: scene.weathers[name] for name in names} if self._air_losses else None
         found = path_gains(trace, config, materials, air, elements)
         result = {name: self._paths(scene, found, name, tx, rx) for name in names}
@@ -233,10 +233,8 @@ def _channel_config(**values: Any) -> ChannelConfig:
     """
     try:
         return ChannelConfig(**values)
-    except ValidationError as error:
-        problem = error.errors()[0]
-        key = str(problem["loc"][0]) if problem["loc"] else ""
-        raise InputError(f"PathSolver: {key} = {values.get(key)!r}: {problem['msg']}; correct it") from None
+    except InputError as error:
+        raise InputError(str(error).replace("ChannelConfig", "PathSolver", 1)) from None
 
 
 def _pairs(tx: _Ends, rx: _Ends) -> tuple[tuple[_Ends, np.ndarray], tuple[_Ends, np.ndarray]]:
