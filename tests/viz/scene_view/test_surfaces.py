@@ -1,5 +1,6 @@
 """Surfaces of a scene and the box that cuts them, against polygons cut corner by corner."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ def cut_polygon(polygon: list[np.ndarray], axis: int, side: float, sign: float) 
 
 
 def area_of(polygon: list[np.ndarray]) -> float:
-    turned = [np.cross(b - polygon[0], c - polygon[0]) for b, c in zip(polygon[1:], polygon[2:], strict=False)]
+    turned = [np.cross(b - polygon[0], c - polygon[0]) for b, c in itertools.pairwise(polygon)]
     return 0.5 * float(np.linalg.norm(np.sum(turned, axis=0))) if turned else 0.0
 
 
@@ -97,7 +98,9 @@ def test_a_scene_has_its_surfaces_at_the_poses_of_the_frame() -> None:
     assert area == pytest.approx(TriangleMesh(arrays.points, arrays.faces).areas.sum(), rel=1e-5)
     assert list(actors) == ["cav_1", "veh_001"]  # the roadside unit has no shape
     (cav,), (van,) = actors["cav_1"], actors["veh_001"]
-    np.testing.assert_allclose([cav.points.min(axis=0), cav.points.max(axis=0)], [(-20.25, -3.9, 0), (-15.75, -2.1, 1.5)])
+    np.testing.assert_allclose(
+        [cav.points.min(axis=0), cav.points.max(axis=0)], [(-20.25, -3.9, 0), (-15.75, -2.1, 1.5)]
+    )
     # The van has turned by 180 degrees about (18, 3); its middle is 0.3 m ahead of its origin.
     np.testing.assert_allclose(
         [van.points.min(axis=0), van.points.max(axis=0)], [(14.95, 2, 0), (20.45, 4, 2.4)], atol=1e-5
