@@ -1,7 +1,7 @@
 """Generate and read multimodal wireless datasets.
 
-`__all__` lists the public names, which are loaded at their first use. Classes and functions for sensors are in
-`mmw.sensors`. `mmw.open` is the short name of `open_dataset`.
+`__all__` lists the public names, which are loaded at their first use. Sections of a configuration are in `mmw.config`,
+sensors in `mmw.sensors`, and readers in `mmw.dataset`. `mmw.open` is the short name of `open_dataset`.
 """
 
 import logging as _logging
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 if TYPE_CHECKING:
+    from mmw import config, dataset, sensors  # noqa: F401 - the packages of `_PACKAGES`
     from mmw.config import Config, load_config
     from mmw.core.errors import Error, InputError
     from mmw.dataset import Dataset, Frame, connect, open_dataset
@@ -44,12 +45,17 @@ _HOME = {
 }
 """Name -> module that defines it, so that `import mmw` stays light."""
 
+_PACKAGES = ("config", "dataset", "sensors")
+"""Public packages, imported at their first use as attributes of this one."""
+
 _SHORT = {"open": "open_dataset"}
 """Short name -> name; not in `__all__`, so that `from mmw import *` replaces no built-in function."""
 
 
 def __getattr__(name: str) -> _Any:
     name = _SHORT.get(name, name)
+    if name in _PACKAGES:
+        return _import_module(f"{__name__}.{name}")
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(_import_module(_HOME[name]), name)
@@ -57,4 +63,4 @@ def __getattr__(name: str) -> _Any:
 
 def __dir__() -> list[str]:
     loaded = {name for name in globals() if name[0] != "_"} - {"TYPE_CHECKING"}
-    return sorted({*__all__, *_SHORT, "__version__", *loaded})
+    return sorted({*__all__, *_PACKAGES, *_SHORT, "__version__", *loaded})

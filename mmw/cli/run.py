@@ -11,7 +11,7 @@ from mmw.cli.command import run_command
 from mmw.config import CONFIG_HELP, config_path, load_config
 from mmw.config.load import json_schema, to_yaml
 from mmw.core.errors import InputError
-from mmw.generation.run_config import ACCEPTABLE, describe_config, run_config
+from mmw.generation.run_config import describe_config, run_config
 
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
@@ -51,7 +51,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         "--accept",
         action="append",
         default=[],
-        choices=ACCEPTABLE,
+        choices=("versions", "machine"),
         help="resume although the shards that are there were made with other versions of mmw or its packages "
         "(versions), or on another kind of machine (machine); may be repeated",
     )
