@@ -22,6 +22,7 @@ NOT_RUN = {
     "getting-started/gallery.md": 2,
     "guides/configure.md": 0,
     "guides/scene.md": 0,
+    "guides/python-generate.md": 0,
     "guides/query.md": 1,
     "guides/csi.md": 0,
     "guides/radio-maps.md": 1,
@@ -63,6 +64,12 @@ def test_gallery(clone: Path) -> None:
 @pytest.mark.slow
 def test_tour(clone: Path) -> None:
     run_page(DOCS / "getting-started" / "tour.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
+
+
+@pytest.mark.slow
+def test_generate_and_replay_from_python(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "python-generate.md", tmp_path)
+    assert (tmp_path / "out" / "small" / "dataset.json").is_file()
 
 
 @pytest.mark.parametrize("page", ["query", "csi"])
