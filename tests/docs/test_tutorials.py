@@ -21,6 +21,7 @@ NOT_RUN = {
     "getting-started/tour.md": 2,
     "getting-started/gallery.md": 2,
     "guides/configure.md": 0,
+    "guides/scene.md": 0,
     "guides/query.md": 1,
     "guides/csi.md": 0,
     "guides/radio-maps.md": 1,
@@ -68,6 +69,11 @@ def test_tour(clone: Path) -> None:
 def test_pages_on_the_quickstart(page: str, clone: Path) -> None:
     link_dataset(clone)
     run_page(DOCS / "guides" / f"{page}.md", clone)
+
+
+@pytest.mark.slow
+def test_a_scene_in_python(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "scene.md", tmp_path)
 
 
 @pytest.mark.slow
