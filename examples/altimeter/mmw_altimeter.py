@@ -8,7 +8,18 @@ import pyarrow as pa
 from pydantic import Field
 
 from mmw.scene.ray_casting import cast_rays
-from mmw.sensors import F32, I32, Estimate, Modality, SensorConfig, SensorInput, SensorSpec, column, sensor_table
+from mmw.sensors import (
+    F32,
+    I32,
+    Estimate,
+    Modality,
+    Samples,
+    SensorConfig,
+    SensorInput,
+    SensorSpec,
+    column,
+    sensor_table,
+)
 
 
 class Altimeter(SensorConfig):
@@ -22,8 +33,8 @@ class Altimeter(SensorConfig):
 
 
 @dataclass(frozen=True)
-class AltimeterSamples:
-    """Heights of A views."""
+class AltimeterSamples(Samples):
+    """Heights of A views, or of one: `view(index)` of `Samples` takes element `index` of every array."""
 
     height: np.ndarray
     """Height above the surface below, with noise [m], NaN beyond the range, shape [A], float32."""

@@ -1,6 +1,7 @@
 """Put a scene on a device: the static town as one mesh, vehicles as instances grouped by frame."""
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 import warp as wp
@@ -107,14 +108,34 @@ class DeviceScene:
         Raises:
             ValueError: If a mesh is another one.
         """
+        self._check_meshes("replace_arrays", arrays)
+        self.arrays, self.instance_actor, self.batch_frames = arrays, instance_actors(arrays), ()
+        self._differentiate()
+
+    def with_agents(self, arrays: SceneData) -> "DeviceScene":
+        """Return the scene with further actors without geometry, which shares the loaded batch and all else.
+
+        It costs nothing, and serves until this scene loads another batch; `load_batch` is for this scene alone.
+
+        Args:
+            arrays: The scene with the same meshes, see `replace_arrays`; in the loaded frames, the poses of actors that
+                have geometry are the same too.
+
+        Raises:
+            ValueError: If a mesh is another one.
+        """
+        self._check_meshes("with_agents", arrays)
+        other = copy(self)
+        other.arrays, other.instance_actor = arrays, instance_actors(arrays)
+        return other
+
+    def _check_meshes(self, method: str, arrays: SceneData) -> None:
         meshes = ("points", "faces", "material", "object_id", "surface", "models")
         own, other = instance_actors(self.arrays), instance_actors(arrays)
         if any(getattr(arrays, name) is not getattr(self.arrays, name) for name in meshes) or (
             [self.arrays.actors[i] for i in own] != [arrays.actors[i] for i in other]
         ):
-            raise ValueError("replace_arrays: another mesh or another actor with geometry; make a new DeviceScene")
-        self.arrays, self.instance_actor, self.batch_frames = arrays, other, ()
-        self._differentiate()
+            raise ValueError(f"{method}: another mesh or another actor with geometry; make a new DeviceScene")
 
     def check_loaded(self, kind: str, batch_index: np.ndarray, frame: np.ndarray) -> None:
         """Check that frames are loaded at their batch indices, shape [n] each; `kind` names a row in the message.

@@ -8,6 +8,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.enclosing_objects import enclosing_objects
+from mmw.scene.scene_data import SceneData
 
 
 def check_mounts(scene: DeviceScene, config: Config) -> None:
@@ -40,11 +41,17 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         around = enclosing_objects(scene, transform_points(pose, np.array(list(places.values()))))
         for (name, position), object_id in zip(places.items(), around, strict=True):
             if object_id >= 0:
-                what = arrays.objects[object_id]
-                where = "its own body" if object_id == actor.object_id else f"{what.prim_path} ({what.label})"
+                inside = inside_words(arrays, object_id, actor.object_id, arrays.frames[row])
                 problems.append(
-                    f"{actor.name}: {name} at {position} m is inside {where} in frame {arrays.frames[row]}; "
-                    f"it would see nothing else; raise or move {'the unit or ' if actor.role == 'rsu' else ''}its mount"
+                    f"{actor.name}: {name} at {position} m {inside}; "
+                    f"raise or move {'the unit or ' if actor.role == 'rsu' else ''}its mount"
                 )
     if problems:
         raise InputError("\n  ".join(problems))
+
+
+def inside_words(arrays: SceneData, object_id: int, own: int, frame: int) -> str:
+    """Return the words for a sensor of actor `own`, an object id, that is inside an object in a frame."""
+    what = arrays.objects[object_id]
+    where = "its own body" if object_id == own else f"{what.prim_path} ({what.label})"
+    return f"is inside {where} in frame {frame}; it would see nothing else"

@@ -23,6 +23,7 @@ NOT_RUN = {
     "guides/configure.md": 0,
     "guides/query.md": 1,
     "guides/csi.md": 0,
+    "guides/radio-maps.md": 1,
     "guides/own-town.md": 1,
     "guides/own-sensor.md": 1,
 }
@@ -67,6 +68,12 @@ def test_tour(clone: Path) -> None:
 def test_pages_on_the_quickstart(page: str, clone: Path) -> None:
     link_dataset(clone)
     run_page(DOCS / "guides" / f"{page}.md", clone)
+
+
+@pytest.mark.slow
+def test_radio_maps(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "radio-maps.md", tmp_path)
+    assert (tmp_path / "rss.png").stat().st_size > 20_000
 
 
 @pytest.mark.slow

@@ -8,8 +8,6 @@ from itertools import product
 import numpy as np
 from scipy.special import hankel2, jv
 
-from mmw.channel.links import Links, make_links
-from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -18,8 +16,8 @@ from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_model, pose, street_canyon
+from tests.oracles.solved_paths import solve
 from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
 
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
@@ -75,15 +73,6 @@ def traffic(poses: np.ndarray, paint: int = 3) -> SceneData:
     """Return `DRIVING` in the street canyon; `paint` is the material of the truck."""
     models = (box_model("sedan", material=3), box_model("truck", (8.0, 2.5, 3.5), (0.5, 0.0, 1.75), material=paint))
     return street_canyon(models, DRIVING, poses)
-
-
-def solve(
-    arrays: SceneData, config: ChannelConfig, device: str, frames: list[int] | None = None
-) -> tuple[Links, PathSet]:
-    """Return the links of some frames, all by default, and their paths."""
-    scene = loaded(arrays, device, frames)
-    links = make_links(arrays, scene.batch_frames, config)
-    return links, solve_paths(scene, links, config, arrays.materials)
 
 
 def paths_by_interactions(paths: PathSet, link: int) -> dict[Interactions, int]:

@@ -339,3 +339,19 @@ def test_frames_are_consecutive() -> None:
     arrays = two_cars(3)
     with pytest.raises(ValueError, match="frames in steps of 2; poses are 1/100 s apart"):
         replace(arrays, frames=range(0, 6, 2))
+
+
+def test_further_agents_share_the_batch(device: str) -> None:
+    arrays = two_cars(2)
+    scene = loaded(arrays, device, [1])
+    agent = replace(arrays.actors[2], name="rsu_2")
+    poses = np.concatenate([arrays.poses, arrays.poses[:, 2:]], axis=1)
+    others = replace(arrays, actors=(*arrays.actors, agent), poses=poses)
+    shared = scene.with_agents(others)
+    assert shared.arrays is others and scene.arrays is arrays
+    assert shared.struct is scene.struct and shared.batch_frames == scene.batch_frames == (1,)
+    np.testing.assert_array_equal(shared.instance_actor, [0, 1])
+    with pytest.raises(ValueError, match="with_agents: another mesh"):
+        scene.with_agents(two_cars(2))
+    with pytest.raises(ValueError, match=r"with_agents: .* another actor with geometry"):
+        scene.with_agents(replace(arrays, actors=arrays.actors[1:], poses=arrays.poses[:, 1:]))

@@ -5,7 +5,7 @@ import pytest
 
 from mmw.config import MountConfig
 from mmw.core.transforms import pose_to_matrix, quaternion_to_ypr
-from mmw.scene.views import make_views, mount_pose, sensor_actors
+from mmw.scene.views import actor_views, make_views, mount_pose, sensor_actors
 from mmw.sensors import DepthCamera, Imu, Lidar
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import ABSENT, two_cars
@@ -27,6 +27,18 @@ def test_role_decides_who_carries_and_where() -> None:
     assert len(make_views(arrays, [0], DepthCamera(on=()))) == 0
     np.testing.assert_allclose(mount_pose(Lidar(), "rsu")[:3], (0.0, 0.0, 4.0))
     np.testing.assert_allclose(mount_pose(Imu(), "cav"), (0, 0, 0, 0, 0, 0, 1))
+
+
+def test_any_actor_carries_a_sensor_that_is_put_on_it() -> None:
+    """A vehicle has it where a CAV does; an actor of another role at its origin."""
+    arrays = two_cars(2)
+    sensor = Lidar(on=())
+    assert len(make_views(arrays, [0, 1], sensor)) == 0
+    views = actor_views(arrays, [0, 1], sensor, np.array([1, 2]))
+    np.testing.assert_array_equal(views.actor, [1, 2, 1, 2])
+    np.testing.assert_allclose(views.pose[:2, :3], [(20.0, 3.0, 2.5), (0.0, 9.0, 9.0)])
+    np.testing.assert_array_equal(mount_pose(sensor, "pedestrian"), mount_pose(sensor, "cav"))
+    np.testing.assert_array_equal(mount_pose(sensor, "free"), (0, 0, 0, 0, 0, 0, 1))
 
 
 def test_pose_is_agent_times_mount() -> None:

@@ -66,6 +66,6 @@ class RadarPoints(PointSamples):
 
     def view(self, index: int) -> Self:
         """Return the points, maps and samples of one view."""
-        points = PointSamples.view(replace(self, maps=(), iq=None), index)
+        points = super(RadarPoints, replace(self, maps=(), iq=None)).view(index)
         iq = None if self.iq is None else self.iq[index]
         return replace(points, maps=tuple(maps.view(index) for maps in self.maps), iq=iq)

@@ -1,4 +1,4 @@
-"""What a finished map tells: RSS, SINR, association, distribution, positions and cells, against brute force."""
+"""RSS, SINR, association, distribution, positions and cells of finished maps, against brute force."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,5 @@
 """LiDAR: the pattern, every hit against a float64 brute-force oracle, sameness over batches and weathers."""
 
-
 import numpy as np
 import pytest
 
