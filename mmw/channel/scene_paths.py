@@ -37,6 +37,16 @@ class Paths(PathArrays):
 
     Rows are sorted by receiver, transmitter, number of interactions, their kinds and surfaces, until they are sorted
     otherwise. A pair may have no path. The fields are arrays, see `PathArrays`.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+        >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+        >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+        >>> strongest = paths.sort_by_gain(28e9)[:2]
+        >>> strongest.kind.tolist(), (strongest.tau * 1e9).round().tolist()  # nanoseconds
+        (['los', 'specular'], [255.0, 257.0])
     """
 
     def __len__(self) -> int:
@@ -117,6 +127,15 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If a name is not known.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> paths.select(rx="ue", kind="los").gain_db.round().tolist()
+            [[-81.0, -96.0]]
         """
         rx_rows, tx_rows = self.receivers.rows(rx, "receiver"), self.transmitters.rows(tx, "transmitter")
         keep = np.isin(self.rx, rx_rows) & np.isin(self.tx, tx_rows)
@@ -188,6 +207,16 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If the carrier is not one of the paths', or arrays of one side have different antenna counts.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> a, tau = paths.cir(carrier_hz=28e9)
+            >>> a.shape[:4], a.shape[4] == tau.shape[2] == len(paths)
+            ((1, 1, 1, 1), True)
         """
         times = tensors.instants(num_time_steps, sampling_frequency)
         return tensors.impulse_response(self, self._column(carrier_hz), times, normalize_delays)
@@ -217,6 +246,16 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If the carrier is not one of the paths', or arrays of one side have different antenna counts.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> h = paths.cfr(mmw.channel.subcarrier_frequencies(64, 120e3), carrier_hz=28e9)
+            >>> h.shape
+            (1, 1, 1, 1, 1, 64)
         """
         times = tensors.instants(num_time_steps, sampling_frequency)
         frequencies = tensors.finite_numbers("frequencies_hz", frequencies_hz)
@@ -251,6 +290,15 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If l_max is below l_min, the bandwidth is not above 0, or the carrier is not one of the paths'.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> paths.taps(100e6, l_max=64, carrier_hz=28e9).shape
+            (1, 1, 1, 1, 1, 71)
         """
         times = tensors.instants(num_time_steps, sampling_frequency or bandwidth_hz)
         column = self._column(carrier_hz)
@@ -285,6 +333,15 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If a number is not above 0, or the carrier is not one of the paths'.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> paths.ofdm(64, 120e3, num_symbols=14, carrier_hz=28e9).shape
+            (1, 1, 1, 1, 14, 64)
         """
         if not subcarrier_spacing_hz > 0 or not cyclic_prefix >= 0:
             raise InputError(
@@ -305,6 +362,16 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If the carrier is not one of the paths'.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> from mmw.channel.statistics import path_loss_db
+            >>> path_loss_db(paths.at_carrier(28e9)).round().tolist()  # one link
+            [93.0]
         """
         return tensors.carrier_paths(self, self._column(carrier_hz))[0]
 

@@ -55,6 +55,13 @@ def generate(
         ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
         InputError: If the folder has data of another configuration, or is being written or cannot be.
         Error: If the disk is full, workers die, or a store cannot be reached; the same call resumes.
+
+    Examples:
+        >>> import mmw
+        >>> changes = ["frames.count=2", "sensors=[{type: imu}]"]
+        >>> data = mmw.generate("quickstart", out="out/two_frames", overrides=changes, workers=1, progress=False)
+        >>> data.read("imu").num_rows  # three vehicles, two frames
+        6
     """
     options = {
         "output.dir": None if out is None else os.fspath(out), "compute.device": device, "compute.workers": workers

@@ -25,6 +25,13 @@ class RadioMaterial:
 
     Raises:
         InputError: If a value is unknown, out of range or not finite.
+
+    Examples:
+        >>> import mmw
+        >>> foam = mmw.RadioMaterial("constant", relative_permittivity=1.5, conductivity=1e-4, thickness=0.05)
+        >>> scene = mmw.load_scene("town03")
+        >>> scene.add_material("foam", foam).name
+        'foam'
     """
 
     model: Literal["itu", "constant"]
