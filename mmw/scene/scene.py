@@ -263,13 +263,6 @@ class Scene:
 
         Raises:
             InputError: If it is neither, the name is taken, or its actor is not in the scene.
-
-        Examples:
-            >>> import mmw
-            >>> scene = mmw.load_scene("town03")
-            >>> scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5), velocity=(0.0, 10.0, 0.0)))
-            Receiver('ue', position=(-2.0, 45.0, 1.5))
-            >>> scene.receivers["ue"].position = (-2.0, 46.0, 1.5)
         """
         if isinstance(device, RadioDevice) and device.actor is not None:
             self.actors[device.actor]
@@ -326,11 +319,6 @@ class Scene:
     def cache(self) -> dict[Any, Any]:
         """What sensors keep between captures; emptied when a mesh changes."""
         return self._state.cache
-
-    @property
-    def scenario(self) -> str:
-        """Name of the scenario, for the random numbers of sensors."""
-        return self.name
 
     @property
     def version(self) -> int:

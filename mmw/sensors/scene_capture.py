@@ -61,7 +61,7 @@ class CaptureContext(Protocol):
         ...
 
     @property
-    def scenario(self) -> str:
+    def name(self) -> str:
         """Name that random numbers depend on."""
         ...
 
@@ -182,7 +182,7 @@ def _capture(
         _check_clear_view(scene, sensor, views)
     air = {name: context.weathers[name] for name in weathers}
     data = SensorInput(
-        scene, carriers.motion, views, air, context.seed, context.scenario, output=output, cache=context.cache
+        scene, carriers.motion, views, air, context.seed, context.name, output=output, cache=context.cache
     )
     samples = load_reference(spec.simulate)(data, sensor)
     return {name: _views_of(samples[name], len(views), carriers.is_one) for name in weathers}
