@@ -29,6 +29,9 @@ class MaterialEntry(Section):
     thickness: float | None = Field(None, ge=0, description="of a slab; 0 for a half-space [m]")
     scattering: float | None = Field(None, ge=0, le=1, description="scattering coefficient S (fraction)")
     xpd: float | None = Field(None, ge=0, le=1, description="cross-polarised share of the scattered power (fraction)")
+    scattering_pattern: str | None = Field(
+        None, description="lambertian, directive, backscattering or a registered pattern (name)"
+    )
     label: str | None = Field(None, description="semantic class (label)")
     color: Vec3 | None = Field(None, description="linear diffuse color, 0 to 1 (fraction)")
     roughness: float | None = Field(None, ge=0, le=1, description="roughness of the picture (fraction)")
@@ -39,6 +42,11 @@ class MaterialEntry(Section):
     def changes(self) -> dict[str, object]:
         """Properties of a custom material: every key that is given but `material` and `label`."""
         return self.model_dump(exclude_none=True, exclude={"material", "label"})
+
+    @property
+    def names_radio(self) -> bool:
+        """True if the entry says by itself what the material is to radio waves."""
+        return any(value is not None for value in (self.material, self.radio, self.relative_permittivity))
 
     @model_validator(mode="before")
     @classmethod
