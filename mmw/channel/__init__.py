@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mmw.channel.antennas.array_response import apply_arrays, plane_wave_error, rotations_from_poses
-    from mmw.channel.antennas.arrays import PlanarArray, ula, upa
-    from mmw.channel.antennas.patterns import PatternTable
+    from mmw.channel.antennas.arrays import AntennaArray, PlanarArray, ula, upa
+    from mmw.channel.antennas.directivity import pattern_directivity, radiated_power
+    from mmw.channel.antennas.patterns import PatternTable, register_pattern
     from mmw.channel.antennas.per_element_links import per_element_links
     from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain
     from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, rows_from_paths
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "LINK_COLUMNS",
     "PATH_COLUMNS",
+    "AntennaArray",
     "CarrierPaths",
     "PathTracks",
     "PatternTable",
@@ -31,8 +33,11 @@ __all__ = [
     "frequency_response",
     "impulse_response",
     "normalized_gain",
+    "pattern_directivity",
     "per_element_links",
     "plane_wave_error",
+    "radiated_power",
+    "register_pattern",
     "rotations_from_poses",
     "rows_from_paths",
     "subcarrier_frequencies",
@@ -45,7 +50,7 @@ __all__ = [
 
 _MODULES = (
     "antennas.patterns", "antennas.arrays", "codebook", "path_table", "antennas.array_response", "response",
-    "path_tracks", "antennas.per_element_links",
+    "path_tracks", "antennas.per_element_links", "antennas.directivity",
 )  # fmt: skip
 """Modules that define them; each is imported only if none before it has the name."""
 
