@@ -2,7 +2,10 @@
 
 import os
 import re
+import shutil
+import tempfile
 import threading
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -85,3 +88,15 @@ def owner_of(path: PurePath) -> Owner | None:
 @cache
 def _mark(process: int) -> str:
     return uuid4().hex[:12]
+
+
+class TemporaryFolder:
+    """A folder that goes when the last reference to this goes, or at the end of the process.
+
+    Unlike `tempfile.TemporaryDirectory` it may be left to that without a warning.
+    """
+
+    def __init__(self, prefix: str):
+        """Make the folder; its name begins with `prefix`."""
+        self.path = Path(tempfile.mkdtemp(prefix=prefix))
+        weakref.finalize(self, shutil.rmtree, self.path, ignore_errors=True)

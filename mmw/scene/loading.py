@@ -1,6 +1,5 @@
 """Load a scene from a shipped town, a configuration, a USD stage, or a file of another tool."""
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from mmw.config.material_map import MaterialEntry
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.resources import shipped_towns, town_path
+from mmw.core.temp_files import TemporaryFolder
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.reader import read_stage
@@ -87,14 +87,14 @@ def load_scene(
         config = source if isinstance(source, Config) else load_config(source)
         base = Path(base) if isinstance(source, Config) else Path(source).parent
         return _from_config(config, base, scenario or "", frame, weather, material_map, device)
-    weathers = _weathers(weather or "sunny", {})
+    weathers = _weathers("sunny" if weather is None else weather, {})
     entries, files = _entries(material_map), None
     path, name = Path(source), Path(source).name.split(".")[0]
     if str(source) in shipped_towns() and not path.is_file():
         path = town_path(str(source))
     elif not str(source).lower().endswith(USD_SUFFIXES):
-        files = tempfile.TemporaryDirectory(prefix="mmw_scene_")
-        path = _imported(path, Path(files.name), entries, options)
+        files = TemporaryFolder("mmw_scene_")
+        path = _imported(path, files.path, entries, options)
     elif options:
         raise InputError(f"load_scene: {next(iter(options))}: a USD stage has no such option; leave it out")
     variants = {key: values.variants(key) for key, values in weathers.items()}
@@ -118,9 +118,9 @@ def _from_config(
         merged = {**scenario.material_map, **_entries(material_map)}
         scenario = ScenarioConfig.model_validate({**scenario.model_dump(), "material_map": merged})
     own = {key: air.weather(key) for key, air in config.air.items()}
-    weathers = _weathers(weather or config.weathers[0], own)
-    files = tempfile.TemporaryDirectory(prefix="mmw_scene_")
-    stage = prepare_scenario(config, scenario, base, Path(files.name))
+    weathers = _weathers(config.weathers[0] if weather is None else weather, own)
+    files = TemporaryFolder("mmw_scene_")
+    stage = prepare_scenario(config, scenario, base, files.path)
     # Material ids count the materials of all weathers together: those of a run need all of its weathers.
     data = read_scenario(config, scenario, stage)
     if others := {key: values.variants(key) for key, values in weathers.items() if own.get(key) != values}:

@@ -67,7 +67,7 @@ class CaptureContext(Protocol):
 
     @property
     def cache(self) -> dict[Any, Any]:
-        """What sensors keep, see `SensorInput.cached`; cleared when geometry, materials or weathers change."""
+        """Store of sensors, see `SensorInput.cached`; cleared when geometry, materials or weathers change."""
         ...
 
 

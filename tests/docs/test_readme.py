@@ -39,7 +39,7 @@ def test_ci_finds_the_test_command() -> None:
 
 def test_the_blocks_run_and_print_what_the_readme_says(tmp_path: Path) -> None:
     languages = [block.language for block in blocks_of(README)]
-    assert languages == ["bash", "bash", "python", "text", "python", "text"]
+    assert languages == ["bash", "python", "text", "bash", "python", "text"]
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "quickstart").symlink_to(small_dataset())
     run_page(README, tmp_path)

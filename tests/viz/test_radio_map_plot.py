@@ -56,14 +56,17 @@ def test_association_names_the_transmitters() -> None:
 
 
 def test_buildings_of_the_scene_are_below_the_cells() -> None:
-    house = box_part("Buildings/house", (4, 4, 8), (0, 0, 4), "concrete_facade", "building")
-    scene = map_scene(arrays_from_parts([house]), "cpu", Transmitter("bs", (0, 0, 9)))
+    houses = [
+        box_part(f"Buildings/house_{x}", (4, 4, 8), (x, 0, 4), "concrete_facade", "building") for x in (0, 40)
+    ]  # the second is out of the picture
+    scene = map_scene(arrays_from_parts(houses), "cpu", Transmitter("bs", (0, 0, 9)))
     result = make_map(plane_grid((0, 0, 1.5), (8, 6), 2.0))
     own = Figure().subplots()
     assert result.plot("rss", ax=own, scene=scene) is own.figure
-    roof = [one for one in own.collections if one.get_array() is None and len(one.get_paths())]
-    assert len(roof) == 1 and len(roof[0].get_paths()) == 4  # roof and floor, two triangles each
-    assert roof[0].get_zorder() < drawn(own.figure)[0].get_zorder()
+    plain = [one for one in own.collections if one.get_array() is None and isinstance(one, PolyCollection)]
+    roofs = [one for one in plain if len(one.get_paths())]
+    assert [len(one.get_paths()) for one in roofs] == [4]  # roof and floor, two triangles each
+    assert roofs[0].get_zorder() < drawn(own.figure)[0].get_zorder()
 
 
 @pytest.mark.parametrize(

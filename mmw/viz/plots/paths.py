@@ -299,9 +299,15 @@ def draw_end(axes: Any, place: np.ndarray, name: str, *, is_tx: bool) -> None:
         label_place(axes, name, place, 8.0)
 
 
-def path_legend(axes: Any, present: set[int], *, has_los: bool) -> None:
-    """Add a legend of the ends, of the interactions that are `present` (numbers in `PATH_MARKS`), and of the line of
-    sight."""
+def path_legend(axes: Any, present: set[int], *, has_los: bool, place: str = "best") -> None:
+    """Add a legend of the ends, of interactions and of the line of sight.
+
+    Args:
+        axes: matplotlib axes to draw on.
+        present: Interactions that are drawn, numbers in `PATH_MARKS`.
+        has_los: True if a line of sight is drawn.
+        place: Place of the legend as in matplotlib; `best` takes seconds among many paths.
+    """
     from matplotlib.lines import Line2D
 
     def mark(marker: str, color: str, name: str, edge: str = "black") -> Any:
@@ -313,7 +319,7 @@ def path_legend(axes: Any, present: set[int], *, has_los: bool) -> None:
     ]  # fmt: skip
     if has_los:
         handles.append(Line2D([], [], color=GREY, lw=2.6, label="line of sight"))
-    axes.legend(handles=handles, loc="best", fontsize="small", framealpha=0.9)
+    axes.legend(handles=handles, loc=place, fontsize="small", framealpha=0.9)
 
 
 def _widened(line: np.ndarray, width: float) -> np.ndarray:

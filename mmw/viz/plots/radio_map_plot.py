@@ -91,15 +91,15 @@ def draw_radio_map(result: RadioMap, metric: str, tx: str | None, ax: Any, scene
     reached = np.isfinite(values) & (values >= 0 if metric == ASSOCIATION else True)
     corners, place = result.surface.corners, result.transmitters.position
     size = 2 if is_plan else 3
+    low, high = corners.min(axis=(0, 1)) - MARGIN_M, corners.max(axis=(0, 1)) + MARGIN_M
     if is_plan and scene is not None:
-        draw_scene(ax, scene.arrays, scene.frame)
+        draw_scene(ax, scene.arrays, scene.frame, (low[:2], high[:2]))
     draw = _draw_cells if is_plan else _draw_cells_3d
     cells = draw(ax, corners[reached, :, :size], values[reached])
     if metric == ASSOCIATION:
         _color_by_transmitter(ax, cells, result.tx_names)
     else:
         _add_scale(ax, cells, LABELS[metric] if tx is None else f"{LABELS[metric]} of {tx}")
-    low, high = corners.min(axis=(0, 1)) - MARGIN_M, corners.max(axis=(0, 1)) + MARGIN_M
     near = place[((place >= low) & (place <= high))[:, :size].all(axis=1)]  # axes in three dimensions clip nothing
     ax.plot(*near.T[:size], "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]", aspect="equal")

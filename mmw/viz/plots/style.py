@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from mmw.core.constants import FRAME_DT
 from mmw.core.extras import needed_by
 from mmw.usd.semantics import CARLA_TAG
+from mmw.viz.notebook import show_figures
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -87,6 +88,7 @@ def new_figure(figure: "Canvas | None", size: tuple[float, float]) -> "Canvas":
         return figure
     with needed_by("mmw.viz.plots"):
         from matplotlib.figure import Figure
+    show_figures()
     made: Any = Figure(figsize=size, layout="constrained")
     return made
 

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.scene_paths import Paths
 from mmw.core.transforms import normalize, rotate
 from mmw.scene.radio_devices import RadioDevice
 from mmw.scene.scene import Scene
@@ -77,7 +77,7 @@ def antennas(scene: Scene, devices: Mapping[str, RadioDevice]) -> dict[str, Ante
 def gather(
     scene: Scene,
     *,
-    paths: Any = None,
+    paths: Paths | None = None,
     radio_map: RadioMap | None = None,
     metric: str = "path_gain",
     box: ClipBox = EVERYTHING,
@@ -100,7 +100,7 @@ def gather(
     triangles, colors = np.zeros((0, 3, 3)), np.zeros((0, 3), dtype=np.uint8)
     if coverage is not None:
         triangles, face = box.cut(coverage.triangles)
-        colors = coverage.colors[face // 2]
+        colors = coverage.colors[coverage.cell[face]]
     town, actors = scene_surfaces(arrays, frame, materials, box, color_by)
     places = {}
     for actor, pose in zip(arrays.actors, arrays.poses[arrays.frame_row(frame)], strict=True):

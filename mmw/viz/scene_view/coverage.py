@@ -24,10 +24,12 @@ class Coverage:
 
     label: str
     """Name and unit of the values."""
-    corners: np.ndarray
-    """Corners of each cell, world frame [m], shape [C, 4, 3], float64; their order turns about the cell."""
     values: np.ndarray
     """Value of each cell [dB or dBm], shape [C], float64."""
+    triangles: np.ndarray
+    """Corners of the triangles of the cells, world frame [m], shape [F, 3, 3], float64."""
+    cell: np.ndarray
+    """Cell of each triangle, shape [F], int64."""
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -42,11 +44,6 @@ class Coverage:
         """Color of each cell, 8-bit sRGB, shape [C, 3], uint8."""
         return scale_colors(self.values, *self.limits)
 
-    @property
-    def triangles(self) -> np.ndarray:
-        """Corners of two triangles a cell, shape [2 C, 3, 3]; triangle f is of cell f // 2."""
-        return self.corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
-
 
 def choose_coverage(radio_map: RadioMap, metric: str) -> Coverage:
     """Return the values of a metric; cells that nothing reaches are left out.
@@ -56,10 +53,14 @@ def choose_coverage(radio_map: RadioMap, metric: str) -> Coverage:
     """
     if metric not in get_args(Metric):
         raise InputError(f"radio map: metric = {metric!r}; one of {', '.join(LABELS)} is needed; name one")
-    server = radio_map.tx_association
+    server, surface = radio_map.tx_association, radio_map.surface
     cell = np.flatnonzero(server >= 0)
     if metric == "path_gain":
         values = radio_map.path_gain_db.max(axis=0)[cell]
     else:
         values = (radio_map.rss_dbm if metric == "rss" else radio_map.sinr_db)[server[cell], cell]
-    return Coverage(LABELS[metric], radio_map.surface.corners[cell], values)
+    number = np.full(len(surface), -1, dtype=np.int64)
+    number[cell] = np.arange(len(cell))
+    of_face = np.repeat(number, len(surface.faces) // len(surface))
+    triangles = surface.corners.reshape(-1, 3)[surface.faces[of_face >= 0]]
+    return Coverage(LABELS[metric], values, triangles, of_face[of_face >= 0])

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mmw.core.mesh import separate
-from mmw.viz.plots.style import BLUE, ORANGE, SCALE, scale_colors
+from mmw.viz.plots.style import BLUE, ORANGE, SCALE, new_figure, scale_colors
 from mmw.viz.scene_view.content import SceneContent
 from mmw.viz.scene_view.surfaces import EVERYTHING, ClipBox
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 MAX_TRIANGLES = 20_000
 """Triangles that are drawn at most, the largest: matplotlib sorts and draws each by itself. Design value."""
@@ -30,7 +30,7 @@ AMBIENT = 0.55
 DPI = 100
 
 
-def plot_scene(content: SceneContent, reason: str, height_px: int) -> "Figure":
+def plot_scene(content: SceneContent, reason: str, height_px: int) -> "Figure | SubFigure":
     """Return a figure of a scene; it can be turned where matplotlib has a window or a widget.
 
     Surfaces are drawn around antennas and paths, the largest `MAX_TRIANGLES`. matplotlib sorts triangles by their
@@ -41,9 +41,7 @@ def plot_scene(content: SceneContent, reason: str, height_px: int) -> "Figure":
         reason: Why matplotlib draws it; a line below the picture.
         height_px: Height of the figure [px].
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(1.6 * height_px / DPI, height_px / DPI), dpi=DPI, layout="constrained")
+    figure = new_figure(None, (1.6 * height_px / DPI, height_px / DPI))
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     box = _region(content)
     corners, colors, total = _triangles(content, box)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.camera_models import Intrinsics
-from mmw.core.transforms import IDENTITY_POSE, rotate
+from mmw.core.mesh import separate
+from mmw.core.transforms import rotate
 from mmw.dataset.camera_geometry import from_world
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.ray_casting import cast_rays
@@ -144,26 +145,26 @@ def _segments(lines: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.n
     return starts, steps, owner
 
 
-def cells_in_pixels(view: PictureView, corners: np.ndarray, device: str) -> np.ndarray:
-    """Return which cell of a surface each pixel's center shows, -1 for none or one behind what the camera sees.
+def triangles_in_pixels(view: PictureView, triangles: np.ndarray, device: str) -> np.ndarray:
+    """Return which triangle each pixel's center shows, -1 for none or one behind what the camera sees.
 
     Args:
         view: The camera's view.
-        corners: Corners of each cell in turn, world frame [m], shape [C, 4, 3].
+        triangles: Corners of the triangles, world frame [m], shape [F, 3, 3].
         device: Warp device that traces.
 
     Returns:
-        Index of the cell, shape [H, W], int32.
+        Index of the triangle, shape [H, W], int32.
     """
     camera = view.intrinsics
     shape = (camera.height, camera.width)
-    if not len(corners):
+    if not len(triangles):
         return np.full(shape, -1, dtype=np.int32)
     row, column = np.indices(shape)
     directions = unproject(camera, np.stack([column + 0.5, row + 0.5], axis=-1).reshape(-1, 2))
-    cells = DeviceScene(_cell_scene(corners), device, 1)
-    cells.load_batch([0])
-    hits = cast_rays(cells, np.broadcast_to(view.pose[:3], directions.shape), rotate(view.pose[3:], directions))
+    scene = DeviceScene(_triangle_scene(triangles), device, 1)
+    scene.load_batch([0])
+    hits = cast_rays(scene, np.broadcast_to(view.pose[:3], directions.shape), rotate(view.pose[3:], directions))
     found = hits.object_id.reshape(shape)
     if view.distance is None:
         return found
@@ -171,13 +172,10 @@ def cells_in_pixels(view: PictureView, corners: np.ndarray, device: str) -> np.n
     return np.where(away * (1.0 - SLACK) - SLACK_M > view.distance, -1, found).astype(np.int32)
 
 
-def _cell_scene(corners: np.ndarray) -> SceneData:
-    """Return cells as a scene of their own, in which the object of a face is its cell."""
-    count = len(corners)
-    first = 4 * np.arange(count, dtype=np.int32)
-    faces = (first[:, None, None] + np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)).reshape(-1, 3)
-    cell = np.repeat(np.arange(count, dtype=np.int32), 2)
+def _triangle_scene(triangles: np.ndarray) -> SceneData:
+    """Return triangles as a scene in which each is an object."""
+    mesh, number = separate(triangles), np.arange(len(triangles), dtype=np.int32)
     return SceneData(
-        points=corners.reshape(-1, 3), faces=faces, material=np.zeros_like(cell), object_id=cell, surface=cell,
-        models=(), actors=(), frames=range(1), poses=np.broadcast_to(IDENTITY_POSE, (1, 0, 7)), materials={},
+        points=mesh.points, faces=mesh.faces, material=np.zeros_like(number), object_id=number, surface=number,
+        models=(), actors=(), frames=range(1), poses=np.zeros((1, 0, 7)), materials={},
     )  # fmt: skip

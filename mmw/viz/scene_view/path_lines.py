@@ -2,11 +2,10 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
 from mmw.scene.scene import Scene
 from mmw.viz.plots.paths import gain_limits, gains_db
@@ -27,6 +26,14 @@ class PathLines:
     """Gain of each path, 20 log10 |a| [dB], shape [P], float64; growing."""
     kind: np.ndarray
     """Kind of each path, such as `specular`, shape [P]."""
+    interactions: tuple[tuple[int, ...], ...]
+    """Interactions of each path in order, numbers in `PATH_MARKS`."""
+    tau_s: np.ndarray
+    """Delay of each path [s], shape [P], float64."""
+    departure: np.ndarray
+    """Azimuth of departure of each path, from east [rad], shape [P], float64."""
+    arrival: np.ndarray
+    """Azimuth of arrival, from the receiver back along the path [rad], shape [P], float64."""
     tx: np.ndarray
     """Name of the transmitter of each path, shape [P]."""
     rx: np.ndarray
@@ -58,25 +65,9 @@ class PathLines:
         """Kind and gain of each path for people."""
         return [f"{kind}, {gain:.1f} dB" for kind, gain in zip(self.kind, self.gain_db, strict=True)]
 
-    @property
-    def tau_s(self) -> np.ndarray:
-        """Delay of each path, its length over the speed of light [s], shape [P]."""
-        lengths = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in self.lines]
-        return np.array(lengths, dtype=np.float64) / SPEED_OF_LIGHT
-
-    def azimuth(self, end: int, neighbor: int) -> np.ndarray:
-        """Return the azimuth of each path at an antenna, toward the next point, from east [rad], shape [P].
-
-        Args:
-            end: Index in a line of the antenna: 0 for departure, -1 for arrival.
-            neighbor: Index of the next point: 1 or -2.
-        """
-        away = np.array([line[neighbor] - line[end] for line in self.lines]).reshape(-1, 3)
-        return np.arctan2(away[:, 1], away[:, 0])
-
 
 def choose_paths(
-    paths: Any, *, carrier_hz: float | None = None, max_paths: int | None = None, scene: Scene | None = None
+    paths: Paths, *, carrier_hz: float | None = None, max_paths: int | None = None, scene: Scene | None = None
 ) -> PathLines:
     """Return the strongest paths at a carrier.
 
@@ -89,46 +80,50 @@ def choose_paths(
     Raises:
         InputError: If the carrier is not there, the number is below 0, or the paths are of another scene.
     """
-    carriers = np.atleast_1d(np.asarray(paths.carriers_hz, dtype=np.float64))
+    carriers = np.asarray(paths.carriers_hz, dtype=np.float64)
     column = np.flatnonzero(carriers == carrier_hz) if carrier_hz is not None else np.zeros(1, dtype=int)
     if not len(column):
         known = ", ".join(f"{carrier:g}" for carrier in carriers)
         raise InputError(f"paths: carrier_hz = {carrier_hz:g}; they have {known} Hz; name one of these")
     if max_paths is not None and not max_paths >= 0:
         raise InputError(f"paths: max_paths = {max_paths}; a number from 0 on is needed; correct it")
-    tx, rx = np.asarray(paths.tx, dtype=np.int64), np.asarray(paths.rx, dtype=np.int64)
-    ends = []
-    for names, positions, used in (
-        (paths.tx_names, paths.tx_positions, tx),
-        (paths.rx_names, paths.rx_positions, rx),
-    ):
-        ends.append({str(names[index]): np.asarray(positions[index], dtype=float) for index in np.unique(used)})
+    transmitters = {name: paths.tx_positions[index] for index, name in enumerate(paths.tx_names)}
+    receivers = {name: paths.rx_positions[index] for index, name in enumerate(paths.rx_names)}
     if scene is not None:
-        _check_scene(scene, *ends)
-    a = np.asarray(paths.a).reshape(len(tx), len(carriers))[:, column[0]]
-    gain_db = gains_db(a)
+        _check_scene(scene, paths, transmitters, receivers)
+    gain_db = gains_db(paths.a[:, column[0]])
     order = np.argsort(gain_db, kind="stable")
     order = order[max(len(order) - max_paths, 0) :] if max_paths is not None else order
-    lines = []
-    for path in order:
-        inner = np.asarray(paths.vertices[path], dtype=np.float64).reshape(-1, 3)
-        inner = inner[np.isfinite(inner).all(axis=1)]
-        lines.append(np.stack([paths.tx_positions[tx[path]], *inner, paths.rx_positions[rx[path]]]).astype(float))
+    tx, rx, lines = paths.tx[order], paths.rx[order], []
+    for path, one, other in zip(order, tx, rx, strict=True):
+        inner = paths.vertices[path, : paths.depth[path]]
+        lines.append(np.stack([paths.tx_positions[one], *inner, paths.rx_positions[other]]))
     return PathLines(
         carrier_hz=float(carriers[column[0]]),
         lines=tuple(lines),
         gain_db=gain_db[order],
-        kind=np.asarray(paths.kind, dtype=str)[order],
-        tx=np.asarray(paths.tx_names, dtype=str)[tx[order]],
-        rx=np.asarray(paths.rx_names, dtype=str)[rx[order]],
-        transmitters=ends[0],
-        receivers=ends[1],
-        total=len(tx),
+        kind=paths.kind[order],
+        interactions=tuple(tuple(paths.interaction_types[path, : paths.depth[path]].tolist()) for path in order),
+        tau_s=paths.tau[order],
+        departure=paths.phi_t[order],
+        arrival=paths.phi_r[order],
+        tx=np.array(paths.tx_names, dtype=str)[tx],
+        rx=np.array(paths.rx_names, dtype=str)[rx],
+        transmitters=transmitters,
+        receivers=receivers,
+        total=len(paths.tau),
     )
 
 
-def _check_scene(scene: Scene, transmitters: Mapping[str, np.ndarray], receivers: Mapping[str, np.ndarray]) -> None:
-    """Raise InputError unless the scene has the antennas of paths where the paths have them."""
+def _check_scene(
+    scene: Scene, paths: Paths, transmitters: Mapping[str, np.ndarray], receivers: Mapping[str, np.ndarray]
+) -> None:
+    """Raise InputError unless the scene has the frame of paths, and their antennas in their places."""
+    if paths.scenario != scene.name or paths.frame != scene.frame:
+        raise InputError(
+            f"paths: they are of scene {paths.scenario!r}, frame {paths.frame}; the scene is {scene.name!r}, frame "
+            f"{scene.frame}; draw paths in the scene and frame that they were solved in"
+        )
     for kind, known, used in (
         ("transmitter", scene.transmitters, transmitters),
         ("receiver", scene.receivers, receivers),

@@ -4,13 +4,13 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
+from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
-from mmw.core.extras import needed_by
 from mmw.scene.scene import Scene
 from mmw.viz.plots.link import draw_angles, draw_profile
 from mmw.viz.plots.paths import draw_end, draw_path_lines, frame_map, path_legend
 from mmw.viz.plots.radio_map_plot import draw_scene
-from mmw.viz.plots.style import carrier_name
+from mmw.viz.plots.style import carrier_name, new_figure
 from mmw.viz.scene_view.path_lines import PathLines, choose_paths
 
 if TYPE_CHECKING:
@@ -22,12 +22,15 @@ View = Literal["top", "delay", "angles"]
 SIZES = {"top": (9.0, 6.5), "delay": (8.0, 4.0), "angles": (8.5, 4.6)}
 """View -> size of a new figure [inch]."""
 
+FEW_PATHS = 100
+"""Paths among which a place for the legend is searched, which takes seconds among many. Design value."""
+
 MAX_NAMES = 20
 """Transmitters, and receivers, up to which each has its name in the plot. Design value."""
 
 
 def plot_paths(
-    paths: Any,
+    paths: Paths,
     *,
     scene: Scene | None = None,
     view: View = "top",
@@ -36,8 +39,6 @@ def plot_paths(
     max_paths: int | None = None,
 ) -> "Figure":
     """Plot paths, and return the figure.
-
-    Delays are lengths over the speed of light, and azimuths those of the first and last segments.
 
     Args:
         paths: Paths of a solver; `paths.select(rx="car")` gives those of one receiver.
@@ -62,8 +63,8 @@ def plot_paths(
         draw_profile(axes[0], lines.tau_s, lines.gain_db, lines.kind)
         axes[0].set_title(_title(lines), fontsize="medium")
     else:
-        for one, end, neighbor, name in ((axes[0], 0, 1, "departure"), (axes[1], -1, -2, "arrival")):
-            draw_angles(one, lines.azimuth(end, neighbor), lines.gain_db, lines.kind)
+        for one, azimuth, name in ((axes[0], lines.departure, "departure"), (axes[1], lines.arrival, "arrival")):
+            draw_angles(one, azimuth, lines.gain_db, lines.kind)
             one.set_title(f"azimuth of {name}", fontsize="small", pad=10)
         if len(lines):
             axes[1].legend(loc="upper left", bbox_to_anchor=(1.05, 1.05), fontsize="small")
@@ -81,9 +82,7 @@ def _axes(view: View, ax: Any) -> list[Any]:
     wanted = 2 if view == "angles" else 1
     kind = {"projection": "polar"} if view == "angles" else {}
     if ax is None:
-        with needed_by("plot"):
-            from matplotlib.figure import Figure
-        figure = Figure(figsize=SIZES[view], layout="constrained")
+        figure = new_figure(None, SIZES[view])
         return list(figure.subplots(1, wanted, subplot_kw=kind, squeeze=False)[0])
     axes = list(np.ravel(np.asarray(ax, dtype=object)))
     if len(axes) != wanted or any(getattr(one, "name", "") != kind.get("projection", "rectilinear") for one in axes):
@@ -107,7 +106,9 @@ def _draw_top(axes: Any, lines: PathLines, scene: Scene | None) -> None:
     for found, is_tx in ((lines.transmitters, True), (lines.receivers, False)):
         for name, place in found.items():
             draw_end(axes, place[:2], name if len(found) <= MAX_NAMES else "", is_tx=is_tx)
-    path_legend(axes, {kind for own in lines.interactions for kind in own}, has_los=bool((lines.kind == "los").any()))
+    present = {kind for own in lines.interactions for kind in own}
+    has_los, place = bool((lines.kind == "los").any()), "best" if len(lines) <= FEW_PATHS else "upper left"
+    path_legend(axes, present, has_los=has_los, place=place)
     axes.set_title(_title(lines), fontsize="medium")
 
 

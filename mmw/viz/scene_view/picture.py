@@ -1,13 +1,13 @@
 """Draw paths, coverage and antennas of a scene into a picture by the RGB camera."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 
 from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
 from mmw.scene.scene import Scene
@@ -17,7 +17,7 @@ from mmw.viz.plots.style import BLUE, ORANGE, scale_colors
 from mmw.viz.scene_view.content import Antenna, antennas
 from mmw.viz.scene_view.coverage import Coverage, choose_coverage
 from mmw.viz.scene_view.legend import INK, PLATE, TEXT_PX, bars_of, font, legend_image
-from mmw.viz.scene_view.overlay import PictureView, Run, cells_in_pixels
+from mmw.viz.scene_view.overlay import PictureView, Run, triangles_in_pixels
 from mmw.viz.scene_view.path_lines import PathLines, choose_paths
 from mmw.viz.stills.renderer import StillRenderer, look_pose, street_camera
 from mmw.viz.stills.still import resized
@@ -51,7 +51,7 @@ def render_picture(
     look_at: ArrayLike | None = None,
     camera: RgbCamera | None = None,
     pose: ArrayLike | None = None,
-    paths: Any = None,
+    paths: Paths | None = None,
     radio_map: RadioMap | None = None,
     metric: str = "path_gain",
     max_paths: int = 200,
@@ -150,10 +150,10 @@ def _renderer(scene: Scene, weather: str) -> StillRenderer:
 
 def _with_coverage(picture: Image.Image, view: PictureView, coverage: Coverage, device: str) -> Image.Image:
     """Return a picture with the colors of the cells that it shows."""
-    cell = cells_in_pixels(view, coverage.corners, device)
+    triangle = triangles_in_pixels(view, coverage.triangles, device)
     pixels = np.asarray(picture).astype(np.float64)
-    is_cell = cell >= 0
-    shown = coverage.colors[cell[is_cell]]
+    is_cell = triangle >= 0
+    shown = coverage.colors[coverage.cell[triangle[is_cell]]]
     pixels[is_cell] = (1.0 - COVERAGE_SHARE) * pixels[is_cell] + COVERAGE_SHARE * shown
     return Image.fromarray(np.round(pixels).astype(np.uint8))
 
@@ -229,8 +229,9 @@ class Overlay:
         if point is None:
             return
         letters = font(TEXT_PX)
-        x, y = point + (ANTENNA_PX + 4.0, -ANTENNA_PX - TEXT_PX)
+        x, y = point[0] + ANTENNA_PX + 4.0, point[1] - ANTENNA_PX - TEXT_PX
         draw = ImageDraw.Draw(image, "RGBA")
+        x = min(x, image.width - letters.getlength(name) - 4.0)
         left, top, right, bottom = draw.textbbox((x, y), name, font=letters)
         draw.rectangle((left - 3, top - 2, right + 3, bottom + 2), PLATE)
         draw.text((x, y), name, INK, letters)

@@ -5,17 +5,16 @@ import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
 from mmw.core.extras import install, needed_by
 from mmw.scene.scene import Scene
+from mmw.viz.notebook import notebook_shell
 from mmw.viz.scene_view.content import SceneContent, gather
 from mmw.viz.scene_view.surfaces import ClipBox, ColorBy
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LOGGER = logging.getLogger(__name__)
 
@@ -32,7 +31,7 @@ MIN_HEIGHT_PX = 100
 def show(
     scene: Scene,
     *,
-    paths: Any = None,
+    paths: Paths | None = None,
     radio_map: RadioMap | None = None,
     metric: str = "path_gain",
     clip_z_m: float | None = None,
@@ -122,7 +121,7 @@ def choose_renderer(renderer: str, file: Path | None) -> tuple[str, str]:
         return writer, f"{suffix} is a file of it"
     if renderer == "matplotlib":
         return "matplotlib", "as asked for"
-    in_notebook = is_notebook()
+    in_notebook = notebook_shell() is not None
     missing = [name for name in ("rerun", *(["rerun_notebook"] if in_notebook else [])) if not _is_installed(name)]
     if missing:
         if renderer == "rerun":
@@ -136,13 +135,6 @@ def choose_renderer(renderer: str, file: Path | None) -> tuple[str, str]:
             )
         return "matplotlib", "there is no display for Rerun's window; save='scene.rrd' writes a file for it"
     return "rerun", "as asked for" if renderer == "rerun" else "it is installed"
-
-
-def is_notebook() -> bool:
-    """Return whether this runs in the kernel of a notebook."""
-    module = sys.modules.get("IPython")
-    shell = None if module is None else module.get_ipython()
-    return getattr(shell, "kernel", None) is not None
 
 
 def _is_installed(package: str) -> bool:
@@ -172,7 +164,7 @@ def _show_rerun(content: SceneContent, file: Path | None, height_px: int) -> Any
     if file is not None:
         write_recording(file, stream, lambda one: log_scene(one, content))
         return file
-    if is_notebook():
+    if notebook_shell() is not None:
         import rerun.notebook
 
         widget = rerun.notebook.Viewer(width="auto", height=height_px, recording=stream)
@@ -193,9 +185,7 @@ def _show_rerun(content: SceneContent, file: Path | None, height_px: int) -> Any
     return window
 
 
-def _plot(content: SceneContent, reason: str, height_px: int) -> "Figure":
-    with needed_by("show"):
-        import matplotlib  # noqa: F401
+def _plot(content: SceneContent, reason: str, height_px: int) -> Any:
     from mmw.viz.scene_view.mesh_plot import plot_scene
 
     return plot_scene(content, f"drawn by matplotlib: {reason}", height_px)
