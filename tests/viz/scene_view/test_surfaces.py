@@ -97,7 +97,9 @@ def test_a_scene_has_its_surfaces_at_the_poses_of_the_frame() -> None:
     assert area == pytest.approx(TriangleMesh(arrays.points, arrays.faces).areas.sum(), rel=1e-5)
     assert list(actors) == ["cav_1", "veh_001"]  # the roadside unit has no shape
     (cav,), (van,) = actors["cav_1"], actors["veh_001"]
-    np.testing.assert_allclose([cav.points.min(axis=0), cav.points.max(axis=0)], [(-20.25, -3.9, 0), (-15.75, -2.1, 1.5)])
+    np.testing.assert_allclose(
+        [cav.points.min(axis=0), cav.points.max(axis=0)], [(-20.25, -3.9, 0), (-15.75, -2.1, 1.5)]
+    )
     # The van has turned by 180 degrees about (18, 3); its middle is 0.3 m ahead of its origin.
     np.testing.assert_allclose(
         [van.points.min(axis=0), van.points.max(axis=0)], [(14.95, 2, 0), (20.45, 4, 2.4)], atol=1e-5
