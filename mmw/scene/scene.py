@@ -389,6 +389,14 @@ class Scene:
 
         Raises:
             InputError: If there is no such actor or weather, a value is not finite, or the sensor is inside something.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene(mmw.load_config("quickstart"))
+            >>> lidar = mmw.sensors.Lidar(channels=16, points_per_channel=180)
+            >>> cloud = scene.capture(lidar, actor="cav_1")
+            >>> cloud.xyz.shape[1], cloud.object_id.dtype
+            (3, dtype('int32'))
         """
         function = load_reference("mmw.sensors.scene_capture:capture")
         return function(self, sensor, pose=pose, actor=actor, velocity=velocity, weather=weather, output=output)
