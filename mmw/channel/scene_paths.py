@@ -64,49 +64,6 @@ class Paths(PathArrays):
         index = np.arange(len(self))[rows]
         return self._take(np.atleast_1d(index))
 
-    # --- properties ---------------------------------------------------------------------------------------------------
-
-    @property
-    def tx_names(self) -> tuple[str, ...]:
-        """Names of the transmitters, shape [T]."""
-        return self.transmitters.names
-
-    @property
-    def rx_names(self) -> tuple[str, ...]:
-        """Names of the receivers, shape [R]."""
-        return self.receivers.names
-
-    @property
-    def tx_positions(self) -> np.ndarray:
-        """Phase centers of the transmitters [m], shape [T, 3]."""
-        return self.transmitters.state.position
-
-    @property
-    def rx_positions(self) -> np.ndarray:
-        """Phase centers of the receivers [m], shape [R, 3]."""
-        return self.receivers.state.position
-
-    @property
-    def kind(self) -> np.ndarray:
-        """Kind of each path, `los`, `specular`, `transmission`, `diffuse` or `diffraction`, shape [P]."""
-        return np.array(PATH_KINDS)[self.kind_id]
-
-    @property
-    def doppler_hz(self) -> np.ndarray:
-        """Doppler shift -f / c times the range rate [Hz], shape [P, C]."""
-        return tensors.doppler(self.carriers_hz, self.range_rate)
-
-    @property
-    def gain_db(self) -> np.ndarray:
-        """Power gain |a|^2 of each path [dB], -inf in a null of a pattern, shape [P, C]."""
-        with np.errstate(divide="ignore"):
-            return 20.0 * np.log10(np.abs(self.a))
-
-    @property
-    def is_los(self) -> np.ndarray:
-        """True for lines of sight, shape [P], bool."""
-        return self.kind_id == 0
-
     # --- choosing -----------------------------------------------------------------------------------------------------
 
     def select(

@@ -311,11 +311,6 @@ class Scene:
         return self._state.cache
 
     @property
-    def scenario(self) -> str:
-        """Name of the scenario, for the random numbers of sensors."""
-        return self.name
-
-    @property
     def version(self) -> int:
         """Number that grows with every change of a pose or a mesh."""
         return self._state.version
