@@ -84,15 +84,6 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If a name is not known.
-
-        Examples:
-            >>> import mmw
-            >>> scene = mmw.load_scene("town03")
-            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
-            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
-            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
-            >>> paths.select(rx="ue", kind="los").gain_db.round().tolist()
-            [[-81.0, -96.0]]
         """
         rx_rows, tx_rows = self.receivers.rows(rx, "receiver"), self.transmitters.rows(tx, "transmitter")
         keep = np.isin(self.rx, rx_rows) & np.isin(self.tx, tx_rows)
@@ -247,15 +238,6 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If l_max is below l_min, the bandwidth is not above 0, or the carrier is not one of the paths'.
-
-        Examples:
-            >>> import mmw
-            >>> scene = mmw.load_scene("town03")
-            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
-            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
-            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
-            >>> paths.taps(100e6, l_max=64, carrier_hz=28e9).shape
-            (1, 1, 1, 1, 1, 71)
         """
         times = tensors.instants(num_time_steps, sampling_frequency or bandwidth_hz)
         column = self._column(carrier_hz)
@@ -290,15 +272,6 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If a number is not above 0, or the carrier is not one of the paths'.
-
-        Examples:
-            >>> import mmw
-            >>> scene = mmw.load_scene("town03")
-            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
-            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
-            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
-            >>> paths.ofdm(64, 120e3, num_symbols=14, carrier_hz=28e9).shape
-            (1, 1, 1, 1, 14, 64)
         """
         if not subcarrier_spacing_hz > 0 or not cyclic_prefix >= 0:
             raise InputError(
@@ -319,16 +292,6 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If the carrier is not one of the paths'.
-
-        Examples:
-            >>> import mmw
-            >>> scene = mmw.load_scene("town03")
-            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
-            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
-            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
-            >>> from mmw.channel.statistics import path_loss_db
-            >>> path_loss_db(paths.at_carrier(28e9)).round().tolist()  # one link
-            [93.0]
         """
         return tensors.carrier_paths(self, self._column(carrier_hz))[0]
 

@@ -205,16 +205,6 @@ class Scene:
 
         Raises:
             InputError: If the name is taken, the mesh is broken, or material or label is not known.
-
-        Examples:
-            >>> import mmw
-            >>> import numpy as np
-            >>> points = np.array([[0, -3, 0], [0, 3, 0], [0, 3, 4], [0, -3, 4]])  # a sheet
-            >>> scene = mmw.load_scene("town03")
-            >>> faces = [[0, 1, 2], [0, 2, 3]]
-            >>> sheet = scene.add_object("sheet", points, faces, material="glass_facade", position=(5, 0, 0))
-            >>> sheet.pose[:3].tolist(), scene.objects["sheet"].size.tolist()
-            ([5.0, 0.0, 0.0], [0.0, 6.0, 4.0])
         """
         where = f"object {name!r}"
         vertices, triangles = check_mesh(where, points, faces)
@@ -342,12 +332,6 @@ class Scene:
 
         Raises:
             InputError: If shapes do not fit, or a value is not finite.
-
-        Examples:
-            >>> import mmw
-            >>> hits = mmw.load_scene("town03").cast_rays([0.0, -20.0, 10.0], [0.0, 0.0, -1.0])
-            >>> print(f"{hits.distance[0]:.1f} m", hits.normal[0].round())
-            9.9 m [0. 0. 1.]
         """
         start, toward = ray_arrays(origins, directions, max_distance)
         return cast_rays(self.device_scene, start, toward, max_distance=max_distance)
@@ -377,6 +361,14 @@ class Scene:
 
         Raises:
             InputError: If there is no such actor or weather, a value is not finite, or the sensor is inside something.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene(mmw.load_config("quickstart"))
+            >>> lidar = mmw.sensors.Lidar(channels=16, points_per_channel=180)
+            >>> cloud = scene.capture(lidar, actor="cav_1")
+            >>> cloud.xyz.shape[1], cloud.object_id.dtype
+            (3, dtype('int32'))
         """
         function = load_reference("mmw.sensors.scene_capture:capture")
         return function(self, sensor, pose=pose, actor=actor, velocity=velocity, weather=weather, output=output)
