@@ -4,7 +4,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from mmw.channel.paths import PATH_KINDS
 from mmw.channel.radio_ends import RadioEnds
+from mmw.core.constants import SPEED_OF_LIGHT
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -75,6 +77,47 @@ class PathArrays:
     """Loss by fog [dB], shape [P, C]."""
     gas_db: np.ndarray
     """Loss by the gases of the air [dB], shape [P, C]."""
+
+    @property
+    def tx_names(self) -> tuple[str, ...]:
+        """Names of the transmitters, shape [T]."""
+        return self.transmitters.names
+
+    @property
+    def rx_names(self) -> tuple[str, ...]:
+        """Names of the receivers, shape [R]."""
+        return self.receivers.names
+
+    @property
+    def tx_positions(self) -> np.ndarray:
+        """Phase centers of the transmitters [m], shape [T, 3]."""
+        return self.transmitters.state.position
+
+    @property
+    def rx_positions(self) -> np.ndarray:
+        """Phase centers of the receivers [m], shape [R, 3]."""
+        return self.receivers.state.position
+
+    @property
+    def kind(self) -> np.ndarray:
+        """Kind of each path, `los`, `specular`, `transmission`, `diffuse` or `diffraction`, shape [P]."""
+        return np.array(PATH_KINDS)[self.kind_id]
+
+    @property
+    def doppler_hz(self) -> np.ndarray:
+        """Doppler shift -f / c times the range rate [Hz], shape [P, C]."""
+        return -self.range_rate[:, None] * self.carriers_hz / SPEED_OF_LIGHT
+
+    @property
+    def gain_db(self) -> np.ndarray:
+        """Power gain |a|^2 of each path [dB], -inf in a null of a pattern, shape [P, C]."""
+        with np.errstate(divide="ignore"):
+            return 20.0 * np.log10(np.abs(self.a))
+
+    @property
+    def is_los(self) -> np.ndarray:
+        """True for lines of sight, shape [P], bool."""
+        return self.kind_id == 0
 
 
 _NAMES = tuple(field.name for field in fields(PathArrays))

@@ -10,18 +10,12 @@ from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.path_table import KEY_TYPE, CarrierPaths
-from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.physics.em.field import combine
 from mmw.physics.em.vectors import unit_vector
 
 if TYPE_CHECKING:
     from mmw.channel.scene_paths import Paths, RadioEnds
-
-
-def doppler(carriers_hz: np.ndarray, range_rate: np.ndarray) -> np.ndarray:
-    """Return the Doppler shift -f / c times the range rate [Hz], shape [P, C]."""
-    return -range_rate[:, None] * carriers_hz / SPEED_OF_LIGHT
 
 
 def subcarriers(count: int, spacing_hz: float, grid: Literal["centered", "fft"]) -> np.ndarray:

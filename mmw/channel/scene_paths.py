@@ -37,6 +37,16 @@ class Paths(PathArrays):
 
     Rows are sorted by receiver, transmitter, number of interactions, their kinds and surfaces, until they are sorted
     otherwise. A pair may have no path. The fields are arrays, see `PathArrays`.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+        >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+        >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+        >>> strongest = paths.sort_by_gain(28e9)[:2]
+        >>> strongest.kind.tolist(), (strongest.tau * 1e9).round().tolist()  # nanoseconds
+        (['los', 'specular'], [255.0, 257.0])
     """
 
     def __len__(self) -> int:
@@ -53,49 +63,6 @@ class Paths(PathArrays):
         """Return some of the paths, by a slice, a mask or indices; transmitters and receivers stay."""
         index = np.arange(len(self))[rows]
         return self._take(np.atleast_1d(index))
-
-    # --- properties ---------------------------------------------------------------------------------------------------
-
-    @property
-    def tx_names(self) -> tuple[str, ...]:
-        """Names of the transmitters, shape [T]."""
-        return self.transmitters.names
-
-    @property
-    def rx_names(self) -> tuple[str, ...]:
-        """Names of the receivers, shape [R]."""
-        return self.receivers.names
-
-    @property
-    def tx_positions(self) -> np.ndarray:
-        """Phase centers of the transmitters [m], shape [T, 3]."""
-        return self.transmitters.state.position
-
-    @property
-    def rx_positions(self) -> np.ndarray:
-        """Phase centers of the receivers [m], shape [R, 3]."""
-        return self.receivers.state.position
-
-    @property
-    def kind(self) -> np.ndarray:
-        """Kind of each path, `los`, `specular`, `transmission`, `diffuse` or `diffraction`, shape [P]."""
-        return np.array(PATH_KINDS)[self.kind_id]
-
-    @property
-    def doppler_hz(self) -> np.ndarray:
-        """Doppler shift -f / c times the range rate [Hz], shape [P, C]."""
-        return tensors.doppler(self.carriers_hz, self.range_rate)
-
-    @property
-    def gain_db(self) -> np.ndarray:
-        """Power gain |a|^2 of each path [dB], -inf in a null of a pattern, shape [P, C]."""
-        with np.errstate(divide="ignore"):
-            return 20.0 * np.log10(np.abs(self.a))
-
-    @property
-    def is_los(self) -> np.ndarray:
-        """True for lines of sight, shape [P], bool."""
-        return self.kind_id == 0
 
     # --- choosing -----------------------------------------------------------------------------------------------------
 
@@ -188,6 +155,16 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If the carrier is not one of the paths', or arrays of one side have different antenna counts.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> a, tau = paths.cir(carrier_hz=28e9)
+            >>> a.shape[:4], a.shape[4] == tau.shape[2] == len(paths)
+            ((1, 1, 1, 1), True)
         """
         times = tensors.instants(num_time_steps, sampling_frequency)
         return tensors.impulse_response(self, self._column(carrier_hz), times, normalize_delays)
@@ -217,6 +194,16 @@ class Paths(PathArrays):
 
         Raises:
             InputError: If the carrier is not one of the paths', or arrays of one side have different antenna counts.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene("town03")
+            >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+            >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+            >>> paths = mmw.PathSolver(max_depth=2)(scene, carriers_hz=[4.9e9, 28e9])
+            >>> h = paths.cfr(mmw.channel.subcarrier_frequencies(64, 120e3), carrier_hz=28e9)
+            >>> h.shape
+            (1, 1, 1, 1, 1, 64)
         """
         times = tensors.instants(num_time_steps, sampling_frequency)
         frequencies = tensors.finite_numbers("frequencies_hz", frequencies_hz)

@@ -12,7 +12,7 @@ from mmw.config import config_path, load_config
 from mmw.config.load import json_schema, to_yaml
 from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
-from mmw.generation.run_config import ACCEPTABLE, describe_config, run_config
+from mmw.generation.run_config import describe_config, run_config
 
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
@@ -52,7 +52,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         "--accept",
         action="append",
         default=[],
-        choices=ACCEPTABLE,
+        choices=("versions", "machine"),
         help="resume although the shards that are there were made with other versions of mmw or its packages "
         "(versions), or on another kind of machine (machine); may be repeated",
     )

@@ -110,13 +110,6 @@ class Dataset:
         Raises:
             InputError: If the table is not known, has no file, its first file is damaged or lacks a column, or its
                 folder holds others.
-
-        Examples:
-            >>> import mmw
-            >>> import pyarrow.dataset as ds
-            >>> links = mmw.open_dataset("out/quickstart").arrow("links")
-            >>> links.count_rows(filter=(ds.field("frame") == 0) & (ds.field("weather") == "sunny"))
-            6
         """
         spec = self.spec(table)
         if table not in self.tables:

@@ -17,9 +17,6 @@ from mmw.generation.executors.process_pool import may_use_processes, start_serve
 if TYPE_CHECKING:
     from mmw.dataset import Dataset
 
-ACCEPTABLE = ("versions", "machine")
-"""Differences from the shards that are there which a resume may accept, see `mmw.generation.continuation`."""
-
 
 def generate(
     config: Source,
@@ -49,13 +46,22 @@ def generate(
         workers: Processes that trace, or `auto`; by default `compute.workers`.
         overwrite: Remove the data in the folder and generate it again.
         accept: Differences from the shards that are there that do not stop a resume: `versions`, `machine`.
-        progress: Show the progress on standard error, and a summary on standard output. Without, nothing is printed;
-            the logger `mmw` has it all.
+        progress: Show the progress on standard error, and a summary on standard output. Without, mmw prints nothing;
+            its logger `mmw` has it all.
+
+    Messages name options of the command: `--out` is `out` here.
 
     Raises:
         ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
         InputError: If the folder has data of another configuration, or is being written or cannot be.
         Error: If the disk is full, workers die, or a store cannot be reached; the same call resumes.
+
+    Examples:
+        >>> import mmw
+        >>> changes = ["frames.count=2", "sensors=[{type: imu}]"]
+        >>> data = mmw.generate("quickstart", out="out/two_frames", overrides=changes, workers=1, progress=False)
+        >>> data.read("imu").num_rows  # three vehicles, two frames
+        6
     """
     options = {
         "output.dir": None if out is None else os.fspath(out), "compute.device": device, "compute.workers": workers
@@ -87,26 +93,26 @@ def run_config(
         place: File of the configuration, or words for one that is no file, as messages begin.
         overwrite: Remove the data in the folder and generate it again.
         shard: Part of the dataset, `i/N`.
-        accept: Names of `ACCEPTABLE`.
+        accept: Keys of `mmw.generation.continuation.ACCEPTABLE`.
         is_quiet: Print nothing.
 
     Raises:
         InputError: If the configuration or a file that it names cannot be used.
         Error: If the disk or the memory is full, workers die, or a store cannot be reached.
     """
-    unknown = [accept] if isinstance(accept, str) else sorted(set(accept) - set(ACCEPTABLE))
-    if unknown:
-        raise InputError(f"accept: {unknown[0]!r} is unknown; give a list of some of {', '.join(ACCEPTABLE)}")
     with in_config(place):
         config, note = _with_fitting_workers(config)
     if may_use_processes(config.compute, config.frame_total):
         start_server()
+    from mmw.generation.continuation import ACCEPTABLE
     from mmw.generation.estimate import check_inputs
     from mmw.generation.executors.executor import open_executor
     from mmw.generation.generate import generate_dataset, output_of
     from mmw.generation.progress import Console
     from mmw.generation.shards import Partition
 
+    if isinstance(accept, str) or not set(accept) <= set(ACCEPTABLE):
+        raise InputError(f"accept = {accept!r}: give a list of some of {', '.join(map(repr, ACCEPTABLE))}")
     with in_config(place):
         part = Partition.parse(shard)
         output_of(config, part)  # refuses an invalid address

@@ -33,17 +33,14 @@ from mmw.storage.arrow_tables import normalize_names, table_from_columns
 
 LOGGER = logging.getLogger(__name__)
 
-FRAMES_PER_LAUNCH = {"cpu": 1, "cuda": 8}
-"""Frames that an iteration traces in one launch at most; `compute.batch_frames` may be fewer. Design values."""
+FRAMES_PER_LAUNCH = {"cpu": 1, "cuda": 16}
+"""Frames that an iteration traces in one launch at most; `compute.batch_frames` may be fewer. On an H100 a frame among
+16 takes a sixth of its time alone (`docs/development/scaling.md`); on a CPU nine tenths, and the first comes later.
+Design values."""
 
 
 class Simulation:
     """Frames of one scenario in one weather, traced when they are requested; nothing of them is written.
-
-    ```python
-    for frame in mmw.Simulation("quickstart"):
-        points = frame.agents["cav_1"].sensor("lidar").world
-    ```
 
     A frame is the `mmw.Frame` of a dataset: its tables have the rows that `mmw.generate` stores for the same
     configuration, bit for bit on the same kind of machine. It keeps its own rows only, so that frames can be kept
@@ -51,6 +48,15 @@ class Simulation:
 
     Iterating traces the frames in order, and again each time. `len(simulation)` counts them, `simulation[i]` traces
     the i-th, and `simulation.frame(k)` the one with number k. Notes on the scenario are records of the logger `mmw`.
+
+    Examples:
+        >>> import mmw
+        >>> config = mmw.load_config("quickstart", ["frames.count=2", "sensors=[{type: gnss}]"])
+        >>> with mmw.Simulation(config) as simulation:
+        ...     for frame in simulation:
+        ...         print(frame.frame, frame.agents["cav_1"].sensor("gnss").speed > 0.0)
+        0 True
+        1 True
     """
 
     def __init__(

@@ -72,6 +72,7 @@ def load_scene(
             or the device does not exist.
 
     Examples:
+        >>> import mmw
         >>> scene = mmw.load_scene("town03", weather="rainy")
         >>> scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
         Transmitter('bs', position=(13.5, -29.5, 10.0))

@@ -20,6 +20,13 @@ class ObjectHandle:
 
     An actor of a recording follows its track until its pose or velocity is set. Then it moves in a straight line
     through that pose, at rest unless a velocity is set, until `scene.frame` is set.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> house = scene.objects["b_086"]
+        >>> house.label, house.is_static, house.size.round().tolist()
+        ('building', True, [28.0, 25.0, 28.0])
     """
 
     def __init__(self, scene: "SceneState", object_id: int):

@@ -120,7 +120,16 @@ class RadioDevice:
 
 
 class Transmitter(RadioDevice):
-    """A transmitter."""
+    """A transmitter.
+
+    Examples:
+        >>> import mmw
+        >>> panel = mmw.PlanarArray(num_rows=4, num_cols=8, pattern="tr38901")
+        >>> transmitter = mmw.Transmitter("bs", position=(13.5, -29.5, 10.0), power_dbm=30.0, array=panel)
+        >>> transmitter.look_at((0.0, 0.0, 1.5))
+        >>> transmitter
+        Transmitter('bs', position=(13.5, -29.5, 10.0))
+    """
 
     kind = "transmitter"
 
@@ -163,7 +172,13 @@ class Transmitter(RadioDevice):
 
 
 class Receiver(RadioDevice):
-    """A receiver."""
+    """A receiver.
+
+    Examples:
+        >>> import mmw
+        >>> mmw.Receiver("roof", position=(0.0, 0.0, 1.6), actor="cav_1")  # rides on a car, 1.6 m above its origin
+        Receiver('roof', position=(0.0, 0.0, 1.6), actor='cav_1')
+    """
 
     kind = "receiver"
 

@@ -45,6 +45,13 @@ class Scene:
         seed: Seed of those random numbers.
         tx_array: Array of transmitters that have none of their own; None for a vertical short dipole.
         rx_array: Array of receivers that have none of their own.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene(mmw.load_config("quickstart"), frame=5)  # a town with its traffic
+        >>> scene.actors["cav_1"].role, len(scene.actors), scene.frame
+        ('cav', 21, 5)
+        >>> scene.actors["cav_1"].position = (2.0, 45.0, 0.1)
     """
 
     def __init__(
@@ -304,11 +311,6 @@ class Scene:
         return self._state.cache
 
     @property
-    def scenario(self) -> str:
-        """Name of the scenario, for the random numbers of sensors."""
-        return self.name
-
-    @property
     def version(self) -> int:
         """Number that grows with every change of a pose or a mesh."""
         return self._state.version
@@ -359,6 +361,14 @@ class Scene:
 
         Raises:
             InputError: If there is no such actor or weather, a value is not finite, or the sensor is inside something.
+
+        Examples:
+            >>> import mmw
+            >>> scene = mmw.load_scene(mmw.load_config("quickstart"))
+            >>> lidar = mmw.sensors.Lidar(channels=16, points_per_channel=180)
+            >>> cloud = scene.capture(lidar, actor="cav_1")
+            >>> cloud.xyz.shape[1], cloud.object_id.dtype
+            (3, dtype('int32'))
         """
         function = load_reference("mmw.sensors.scene_capture:capture")
         return function(self, sensor, pose=pose, actor=actor, velocity=velocity, weather=weather, output=output)

@@ -61,13 +61,13 @@ class CaptureContext(Protocol):
         ...
 
     @property
-    def scenario(self) -> str:
+    def name(self) -> str:
         """Name that random numbers depend on."""
         ...
 
     @property
     def cache(self) -> dict[Any, Any]:
-        """What sensors keep, see `SensorInput.cached`; cleared when geometry, materials or weathers change."""
+        """Store of sensors, see `SensorInput.cached`; cleared when geometry, materials or weathers change."""
         ...
 
 
@@ -121,7 +121,8 @@ def capture(
     is_list = isinstance(sensor, Sequence) and not isinstance(sensor, str)
     sensors = list(sensor) if is_list else [sensor]
     specs = [_checked(one, output) for one in sensors]
-    names = [weather] if isinstance(weather, str) else list(weather or list(context.weathers)[:1])
+    wanted = next(iter(context.weathers)) if weather is None else weather
+    names = [wanted] if isinstance(wanted, str) else list(wanted)
     if unknown := [name for name in names if name not in context.weathers]:
         raise InputError(f"weather {unknown[0]!r}: the scene has {', '.join(context.weathers)}; name one of them")
     _load_sweep(
@@ -131,8 +132,7 @@ def capture(
     results = []
     for one, spec in zip(sensors, specs, strict=True):
         by_weather = _capture(context, one, spec, carriers, names, output)
-        is_many = weather is not None and not isinstance(weather, str)
-        results.append(by_weather if is_many else by_weather[names[0]])
+        results.append(by_weather[wanted] if isinstance(wanted, str) else by_weather)
     return results if is_list else results[0]
 
 
@@ -176,13 +176,13 @@ def _capture(
     """Return weather -> the samples of one sensor."""
     scene = carriers.scene
     views = actor_views(scene.arrays, [context.frame], sensor, carriers.actors)
-    if len(views) == 0:
+    if len(views) == 0 or not weathers:
         return {name: [] for name in weathers}
     if spec.needs_clear_view:
         _check_clear_view(scene, sensor, views)
     air = {name: context.weathers[name] for name in weathers}
     data = SensorInput(
-        scene, carriers.motion, views, air, context.seed, context.scenario, output=output, cache=context.cache
+        scene, carriers.motion, views, air, context.seed, context.name, output=output, cache=context.cache
     )
     samples = load_reference(spec.simulate)(data, sensor)
     return {name: _views_of(samples[name], len(views), carriers.is_one) for name in weathers}
@@ -219,7 +219,7 @@ def _carriers(
     if pose is not None:
         poses, is_one = _poses(pose)
         return _free(scene, context, poses, _velocities(velocity, len(poses)), is_one)
-    if np.any(np.asarray(velocity) != 0.0):
+    if np.any(np.asarray(velocity) != 0):
         raise InputError(f"velocity = {velocity}: actor {actor!r} has its own; leave velocity out, or give a pose")
     names = [actor] if isinstance(actor, str) else list(actor or ())
     actors = np.array([_actor(scene.arrays, name, context.frame) for name in names], dtype=np.int32)
@@ -250,13 +250,17 @@ def _motion(scene: DeviceScene, context: CaptureContext) -> Motion:
     return motion
 
 
+def _numbers(name: str, value: ArrayLike, needs: str) -> np.ndarray:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} = {value!r}: {needs}; correct it") from error
+
+
 def _poses(pose: ArrayLike) -> tuple[np.ndarray, bool]:
     """Return poses with unit quaternions, shape [K, 7], and whether one was given, not a list."""
     needs = "x, y, z, qx, qy, qz, qw of the sensor in the world are needed, shape [7], or [K, 7] for K poses"
-    try:
-        values = np.asarray(pose, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"pose = {pose!r}: {needs}; correct it") from error
+    values = _numbers("pose", pose, needs)
     if values.ndim not in (1, 2) or values.shape[-1] != 7:
         raise InputError(f"pose: has shape {values.shape}; {needs}; correct it")
     rows = values.reshape(-1, 7)
@@ -269,12 +273,11 @@ def _poses(pose: ArrayLike) -> tuple[np.ndarray, bool]:
 
 
 def _velocities(velocity: ArrayLike, count: int) -> np.ndarray:
-    values = np.array(velocity, dtype=np.float64)
+    """Return the velocity of each pose [m/s], shape [count, 3]."""
+    needs = f"finite numbers are needed, shape [3], or [{count}, 3] for {count} poses"
+    values = _numbers("velocity", velocity, needs)
     if values.shape not in ((3,), (count, 3)) or not np.isfinite(values).all():
-        raise InputError(
-            f"velocity = {_text(values)}: finite numbers are needed, shape [3], or [{count}, 3] for {count} poses; "
-            "correct it"
-        )
+        raise InputError(f"velocity = {_text(values)}: {needs}; correct it")
     return np.broadcast_to(values, (count, 3))
 
 

@@ -35,7 +35,7 @@ class SensorInput:
     output: Output = "numpy"
     """`warp` asks a sensor with `SensorSpec.warp_output` to leave its arrays on the device."""
     cache: dict[Any, Any] = field(default_factory=dict)
-    """What sensors keep for later batches of the scene, see `cached`."""
+    """Store of sensors for later batches of the scene, see `cached`."""
 
     def cached(self, key: Any, make: Callable[[], T]) -> T:
         """Return what a sensor keeps for all batches of the scene, such as textures; it is made at the first call.

@@ -22,9 +22,11 @@ NOT_RUN = {
     "getting-started/gallery.md": 2,
     "guides/configure.md": 0,
     "guides/scene.md": 0,
+    "guides/python-generate.md": 0,
     "guides/query.md": 1,
     "guides/csi.md": 0,
     "guides/radio-maps.md": 1,
+    "guides/materials.md": 0,
     "guides/own-town.md": 1,
     "guides/own-sensor.md": 1,
 }
@@ -65,7 +67,13 @@ def test_tour(clone: Path) -> None:
     run_page(DOCS / "getting-started" / "tour.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
 
 
-@pytest.mark.parametrize("page", ["query", "csi"])
+@pytest.mark.slow
+def test_generate_and_replay_from_python(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "python-generate.md", tmp_path)
+    assert (tmp_path / "out" / "small" / "dataset.json").is_file()
+
+
+@pytest.mark.parametrize("page", ["query", "csi", "materials"])
 def test_pages_on_the_quickstart(page: str, clone: Path) -> None:
     link_dataset(clone)
     run_page(DOCS / "guides" / f"{page}.md", clone)

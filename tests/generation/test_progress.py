@@ -1,6 +1,10 @@
 """Output of a run before and after: the bytes that it estimates, and the tables that it wrote."""
 
+import builtins
+import logging
 import re
+import sys
+from io import StringIO
 from typing import Any
 
 import pytest
@@ -9,7 +13,7 @@ from mmw.cli.run import main
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
 from mmw.core.timing import StageTimer
-from mmw.generation.progress import closing_summary
+from mmw.generation.progress import Console, closing_summary
 
 FULL_BYTES = 77_648e6
 """Tables of all of configs/full.yaml, made on an H100; `bench.pipeline`, bench/README.md."""
@@ -53,3 +57,49 @@ def test_the_whole_dataset_is_foreseen(capsys: pytest.CaptureFixture[str]) -> No
     found = re.search(r"tables of about ([\d.]+) GB", capsys.readouterr().out)
     assert found
     assert float(found[1]) * 1e9 == pytest.approx(FULL_BYTES, rel=0.02)
+
+
+class Stream(StringIO):
+    """Stream that is a terminal, or none."""
+
+    def __init__(self, *, is_terminal: bool) -> None:
+        super().__init__()
+        self._is_terminal = is_terminal
+
+    def isatty(self) -> bool:
+        return self._is_terminal
+
+
+def show(console: Console) -> None:
+    """Show a short run."""
+    with console:
+        console.warn_once("mind this")
+        console.begin(4, 0)
+        console.advance(2, "town")
+        console.advance(2, "town")
+        console.summary("all done")
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_a_quiet_console_prints_nothing_and_logs_all(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, is_terminal: bool
+) -> None:
+    out, err = Stream(is_terminal=is_terminal), Stream(is_terminal=is_terminal)
+    monkeypatch.setattr(sys, "stdout", out)
+    monkeypatch.setattr(sys, "stderr", err)
+    with caplog.at_level(logging.INFO, "mmw"):
+        show(Console(is_quiet=True))
+    assert (out.getvalue(), err.getvalue()) == ("", "")
+    said = [record.getMessage() for record in caplog.records]
+    assert said[0] == "mind this" and said[-1] == "all done" and said[2].startswith("town: 4/4 frames, ")
+
+
+def test_a_notebook_has_plain_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its streams say that they are terminals. Rich knows it by this function and the class of its shell."""
+    shell = type("ZMQInteractiveShell", (), {})()
+    monkeypatch.setattr(builtins, "get_ipython", lambda: shell, raising=False)
+    err = Stream(is_terminal=True)
+    monkeypatch.setattr(sys, "stderr", err)
+    show(Console())
+    assert capsys.readouterr().out == "all done\n"
+    assert re.fullmatch(r"note: mind this\n(town: [24]/4 frames, .* s left\n){2}", err.getvalue())

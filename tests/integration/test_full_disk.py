@@ -1,15 +1,17 @@
 """Runs into a file system of their own that fills up, or that nobody may write: one message, nothing torn, resumed."""
 
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
+import mmw
 from mmw.cli.run import main
 from mmw.storage.file_checks import verify
-from tests.fixtures.own_world import command, table_files
+from tests.fixtures.own_world import SMALL, command, table_files
 
 
 def mount(*arguments: str) -> bool:
@@ -49,6 +51,24 @@ def test_a_full_disk_ends_a_run_that_goes_on_with_more_room(disk, own_world, cap
     assert table_files(out) == table_files(own_world / "roomy")
     assert there.items() <= table_files(out).items()
     assert [finding for finding in verify(out) if finding.is_error] == []
+
+
+def test_a_full_disk_ends_a_call_from_python_that_goes_on_with_more_room(disk, own_world):
+    path, how = own_world / "mine.yaml", {"overrides": SMALL, "device": "cpu", "workers": 1, "progress": False}
+    with pytest.raises(mmw.Error, match=r"no space left for .* free some space") as caught:
+        mmw.generate(path, disk / "out", **how)
+    assert not isinstance(caught.value, mmw.InputError)
+    assert mount("-o", "remount,size=64m", str(disk))
+    assert len(mmw.generate(path, disk / "out", **how).read("frames")) == 2 * 10
+
+
+def test_a_simulation_without_room_for_temporary_files_is_one_error(disk, monkeypatch):
+    (disk / "filler").write_bytes(bytes(380_000))
+    monkeypatch.setattr(tempfile, "tempdir", str(disk))
+    small = mmw.load_config("quickstart", ["frames.count=1", "sensors=[{type: imu}]"])
+    with pytest.raises(mmw.Error, match="no space left"):
+        mmw.Simulation(small, device="cpu")
+    assert [path.name for path in disk.iterdir()] == ["filler"]
 
 
 def test_a_disk_that_nobody_may_write_is_named(disk, own_world, capsys):

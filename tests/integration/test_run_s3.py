@@ -86,6 +86,14 @@ def test_a_dataset_that_is_there_is_not_made_again(server: Server, world: Path, 
     assert "8/8" in capsys.readouterr().out
 
 
+def test_python_generates_into_a_bucket_and_opens_it(server: Server, world: Path, local: dict[str, bytes]) -> None:
+    changes = [*own_world.SMALL, "frames.count=4"]
+    how = {"overrides": changes, "device": "cpu", "workers": 1, "progress": False}
+    dataset = mmw.generate(world / "mine.yaml", server.address("python"), **how)
+    assert tables_of(server.objects("python")) == tables_of(local)
+    assert dataset.read("lidar").equals(mmw.open(world / "local").read("lidar"))
+
+
 def test_every_check_reads_a_bucket(server: Server, made: str, capsys: pytest.CaptureFixture) -> None:
     assert mmw_main(["verify", made, "--rerender", "2", "--device", "cpu"]) == 0
     assert capsys.readouterr().out.count(": equal") == 2

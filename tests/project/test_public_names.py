@@ -41,6 +41,13 @@ def test_dir_of_sensors_lists_what_is_public() -> None:
         _ = sensors.Sonar  # pyright: ignore[reportAttributeAccessIssue]
 
 
+def test_packages_are_there_without_an_import_of_their_own() -> None:
+    code = "import mmw; print(mmw.sensors.Lidar().name, mmw.config.FramesConfig().count, mmw.dataset.Frame.__name__)"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert told.stdout.split() == ["lidar", "1000", "Frame"]
+    assert {"config", "dataset", "sensors"} <= set(dir(mmw))
+
+
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="module 'mmw' has no attribute 'load_dataset'"):
         _ = mmw.load_dataset  # pyright: ignore[reportAttributeAccessIssue]

@@ -35,6 +35,31 @@ def trace() -> np.ndarray:
     return h
 
 
+def cover() -> np.ndarray:
+    """Compute a radio map, and receivers in it."""
+    scene = mmw.load_scene("town03")
+    scene.add(mmw.Transmitter("bs", (13.5, -29.5, 10.0)))
+    solver = mmw.RadioMapSolver(max_depth=2, samples_per_tx=1_000_000)
+    radio_map = solver(scene, carrier_hz=28e9, surface="roads", cell_size_m=2.0)
+    values, share = radio_map.cdf("sinr", "bs")
+    print(radio_map.rss_dbm.shape, radio_map.tx_association.tolist(), values.max(), share.min())
+    return radio_map.sample_positions(10, min_value_db=-90.0)
+
+
+def generate() -> mmw.Dataset:
+    """Generate a dataset, and replay the same frames in memory."""
+    traffic = mmw.config.TrafficConfig(vehicle_count=5, spawn_center_m=(0.0, 0.0, 0.0), cav_ranks=(0,))
+    config = mmw.Config(
+        scenarios=(mmw.config.ScenarioConfig(name="empty", town="town03", traffic=traffic),),
+        sensors=(mmw.sensors.Lidar(channels=16),),
+        frames=mmw.config.FramesConfig(count=2),
+    )
+    with mmw.Simulation(config, device="cpu") as simulation:
+        for frame in simulation:
+            print(frame.frame, frame.time_s, list(frame.agents), len(simulation))
+    return mmw.generate(config, out="out/empty", workers=1, progress=False)
+
+
 def change() -> None:
     """Read and change what is in a scene."""
     config = mmw.load_config("quickstart", ["frames.count=20"])
@@ -45,6 +70,9 @@ def change() -> None:
         print(scene.bounds[1] - scene.bounds[0], list(scene.materials), list(scene.objects), len(scene.frames))
         hits = scene.cast_rays([[0.0, 0.0, 10.0]], [[0.0, 0.0, -1.0]], max_distance=50.0)
         print(hits.distance[0], hits.object_id.tolist(), hits.normal.shape)
+        cloud = scene.capture(mmw.sensors.Lidar(), actor="cav_1")
+        images = scene.capture(mmw.sensors.RgbCamera(), pose=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0, 1.0), weather=["rainy"])
+        print(cloud.xyz.shape, images["rainy"].rgb.shape)
 
 
 def read(folder: str) -> np.ndarray:

@@ -253,6 +253,7 @@ LOW = Lidar(mount={"cav": MountConfig(position_m=(0.0, 0.0, 0.7))})
         (KINDS[0], {"pose": "here"}, "pose = 'here': x, y, z, qx"),
         (KINDS[0], {"pose": FREE, "velocity": (1.0, 0.0)}, r"velocity = \(1.0, 0.0\): finite .* shape \[3\]"),
         (KINDS[0], {"pose": FREE, "velocity": (np.inf, 0.0, 0.0)}, r"velocity = \(inf, "),
+        (KINDS[0], {"pose": FREE, "velocity": "fast"}, "velocity = 'fast': finite numbers are needed"),
         (KINDS[0], {"pose": FREE, "weather": "foggy"}, "weather 'foggy': the scene has sunny; name one"),
         (KINDS[0], {"pose": FREE, "weather": ["sunny", "dry"]}, "weather 'dry'"),
         (KINDS[0], {"pose": FREE, "output": "torch"}, "output = 'torch': one of numpy, warp"),
@@ -282,6 +283,7 @@ def test_an_empty_list_gives_an_empty_list() -> None:
     scene = context(room(), "cpu", 1)
     assert capture(scene, KINDS[0], pose=np.zeros((0, 7))) == capture(scene, KINDS[0], actor=[]) == []
     assert capture(scene, [], pose=FREE) == []
+    assert capture(scene, KINDS[0], pose=FREE, weather=[]) == {}
 
 
 def test_a_pose_may_tilt_and_need_no_unit_quaternion() -> None:

@@ -52,6 +52,16 @@ class PathSolver:
     paths; where no pose has changed, as after a change of a permittivity, they only compute gains.
 
     Source: image method with ray-launched or exhaustive candidates, see `docs/concepts/channel.md`.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+        >>> receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+        >>> solver = mmw.PathSolver(max_depth=2, diffraction=False)
+        >>> paths = solver(scene, carriers_hz=[4.9e9, 28e9])  # both from one trace
+        >>> paths.a.shape == (len(paths), 2), paths.is_los.sum().item()
+        (True, 1)
     """
 
     def __init__(

@@ -47,6 +47,18 @@ class RadioMap:
     """A finished map: T transmitters, C cells.
 
     Metrics are named `path_gain` [dB], `rss` [dBm] and `sinr` [dB].
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+        >>> solver = mmw.RadioMapSolver(max_depth=1, samples_per_tx=100_000)
+        >>> radio_map = solver(scene, center_m=(0.0, 0.0), size_m=(80.0, 80.0), cell_size_m=4.0)
+        >>> radio_map.as_grid(radio_map.tx_association).shape
+        (20, 20)
+        >>> places = radio_map.sample_positions(5, min_value_db=-80.0, seed=1)
+        >>> places.shape
+        (5, 3)
     """
 
     transmitters: Transmitters

@@ -15,7 +15,17 @@ from mmw.scene.scene import Scene
 
 
 class RadioMapSolver:
-    """Compute radio maps of scenes by rays that are launched from every transmitter."""
+    """Compute radio maps of scenes by rays that are launched from every transmitter.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> transmitter = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+        >>> solver = mmw.RadioMapSolver(max_depth=1, samples_per_tx=100_000)
+        >>> radio_map = solver(scene, center_m=(0.0, 0.0), size_m=(80.0, 80.0), cell_size_m=4.0)
+        >>> radio_map.path_gain.shape, bool((radio_map.rss_dbm < 0.0).all())
+        ((1, 400), True)
+    """
 
     def __init__(self, *, max_depth: int = 3, samples_per_tx: int = 10_000_000, refraction: bool = False):
         """Set how rays are followed.

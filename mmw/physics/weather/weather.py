@@ -53,7 +53,14 @@ WET_GROUND = 0.25
 
 @dataclass(frozen=True)
 class Weather:
-    """One weather, the same everywhere and in all frames of a scenario. The defaults are clear air."""
+    """One weather, the same everywhere and in all frames of a scenario. The defaults are clear air.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03", weather=mmw.Weather(rain_mm_h=12.5, temperature_c=8.0, wetness=1.0))
+        >>> scene.weathers["custom"].rain_mm_h
+        12.5
+    """
 
     rain_mm_h: float = 0.0
     """Rain rate [mm/h]."""

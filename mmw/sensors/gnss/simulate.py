@@ -50,7 +50,7 @@ class GnssSample(Samples):
     speed: np.ndarray
     """Measured horizontal speed [m/s], shape [A]; `carla`'s noise can make it negative near rest."""
     heading: np.ndarray
-    """Measured heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
+    """Measured heading of the sensor's x axis, clockwise from north, 0 to 2 pi [rad], shape [A]."""
 
     @property
     def latitude_deg(self) -> np.ndarray:

@@ -59,7 +59,7 @@ class ImuSample(Samples):
     gyro_bias: np.ndarray
     """Bias in the measured angular rate [rad/s], shape [A, 3]."""
     compass: np.ndarray
-    """True heading of the sensor's x axis, clockwise from north, in [0, 2 pi), shape [A] [rad]."""
+    """True heading of the sensor's x axis, clockwise from north, 0 to 2 pi [rad], shape [A]."""
 
 
 def simulate(data: SensorInput, config: Imu) -> dict[str, ImuSample]:

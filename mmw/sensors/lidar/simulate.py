@@ -50,8 +50,8 @@ def sweeps(data: SensorInput, config: Lidar) -> Iterator[tuple[str, PointCloud]]
 def _with_flow(data: SensorInput, points: PointCloud) -> PointCloud:
     if data.output == "numpy":
         return replace(points, scene_flow=scene_flow(data.scene.arrays, data.views, points))
-    values, object_id = to_host([points.values, points.object_id])
-    flow = scene_flow(data.scene.arrays, data.views, replace(points, values=values, object_id=object_id))
+    values, object_id = to_host([points.values.transpose(), points.object_id])  # one piece of memory each
+    flow = scene_flow(data.scene.arrays, data.views, replace(points, values=values.T, object_id=object_id))
     return replace(points, scene_flow=wp.array(flow, dtype=float, device=data.scene.device))
 
 

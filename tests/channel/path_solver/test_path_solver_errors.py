@@ -1,4 +1,4 @@
-"""What a path solver refuses: one clear error each."""
+"""Refuse what a path solver cannot solve, with one clear error each."""
 
 import numpy as np
 import pytest

@@ -5,6 +5,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from multiprocessing import spawn
 from pathlib import Path
 from types import SimpleNamespace
 from typing import NoReturn
@@ -13,7 +15,7 @@ import pytest
 
 from mmw.config.compute import ComputeConfig
 from mmw.generation.executors.local_processes import _WorkerProcess
-from mmw.generation.executors.process_pool import CAN_FORK, may_use_processes, start_server
+from mmw.generation.executors.process_pool import CAN_FORK, _start, may_use_processes, start_server
 from mmw.generation.executors.supervisor import WorkerDiedError
 from mmw.generation.executors.worker_protocol import FAILED
 
@@ -113,3 +115,34 @@ def test_the_server_is_not_started_for_a_run_of_one_worker() -> None:
     assert not may_use_processes(ComputeConfig(), 31) and may_use_processes(ComputeConfig(), 32)
     assert not may_use_processes(ComputeConfig(workers=1), 1000) and may_use_processes(ComputeConfig(workers=2), 1)
     assert not may_use_processes(ComputeConfig(engine="ray"), 1000)
+
+
+def test_a_worker_does_not_run_the_script_of_its_parent(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from mmw.generation.executors.process_pool import start_process\n"
+        "print('script', __name__, flush=True)\n"
+        "start_process(print, 'worker').join()\n"
+    )
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("script __main__\nworker\n", "")
+
+
+def test_processes_of_the_users_own_run_the_script(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that another thread starts at the same moment, and later ones."""
+    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+    monkeypatch.setattr(sys.modules["__main__"], "__file__", "/script.py", raising=False)
+    found = {}
+
+    def prepare(name: str) -> None:
+        found[name] = spawn.get_preparation_data(name).get("init_main_from_path")
+
+    def start() -> None:
+        prepare("worker")
+        other = threading.Thread(target=prepare, args=("other",))
+        other.start()
+        other.join()
+
+    _start(SimpleNamespace(start=start))
+    prepare("later")
+    assert found == {"worker": None, "other": "/script.py", "later": "/script.py"}
