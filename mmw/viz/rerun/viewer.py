@@ -5,12 +5,13 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import IO, TypeVar
 from urllib.parse import urlencode
 
 import rerun as rr
@@ -181,19 +182,36 @@ def native_viewer() -> Iterator[Viewer]:
         yield Viewer("", _address(port), process)
 
 
-def open_window() -> Viewer:
-    """Open a window that stays open when this process ends.
+def open_window(stream: rr.RecordingStream, log: Callable[[rr.RecordingStream, Callable[[], None]], None]) -> Viewer:
+    """Show what is logged to a stream in a window that stays open when this process ends.
+
+    What Rerun writes to the standard error goes to a file that nobody sees, as a pipe of this process to another one
+    would otherwise not end before the window is closed.
+
+    Args:
+        stream: Stream without a sink.
+        log: Logs to the stream, see `Viewer.receive`.
 
     Raises:
-        InputError: If it cannot open.
+        InputError: If the window does not open; the message has the last line that Rerun wrote.
     """
     port = _free_port()
-    viewer = Viewer("", _address(port), _start(port, WINDOW))
-    try:
-        _wait_for(viewer.process, (port,))
-    except BaseException:
-        viewer.close()
-        raise
+    with tempfile.TemporaryFile() as errors:
+        viewer = Viewer("", _address(port), _start(port, WINDOW, errors))
+        try:
+            _wait_for(viewer.process, (port,))
+            viewer.receive(stream, log)
+        except InputError as error:
+            viewer.close()
+            errors.seek(0)
+            said = errors.read().decode(errors="replace").strip().splitlines() or ["it wrote nothing"]
+            raise InputError(
+                f"show: Rerun's window ended with code {viewer.process.returncode}: {said[-1]}; give save='scene.rrd', or "
+                "renderer='matplotlib'"
+            ) from error
+        except BaseException:
+            viewer.close()
+            raise
     return viewer
 
 
@@ -220,8 +238,8 @@ def _run(port: int, options: Sequence[str], ports: tuple[int, ...]) -> Iterator[
         Viewer("", _address(port), process).close()
 
 
-def _start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
-    """Start Rerun's command with a data server on a port.
+def _start(port: int, options: Sequence[str], errors: IO[bytes] | None = None) -> subprocess.Popen[bytes]:
+    """Start Rerun's command with a data server on a port; its standard error is ours, or a file.
 
     `rerun.serve_grpc`, `rerun.serve_web_viewer` and `rerun.spawn` listen on every address; the command has an option
     against that. It runs the viewer as a process of its own, so both are a group.
@@ -229,7 +247,7 @@ def _start(port: int, options: Sequence[str]) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-c", COMMAND, "--bind", HOST, "--port", str(port)]
     command += ["--server-memory-limit", MEMORY, *options]
     quiet = {"RUST_LOG": "error", **os.environ}
-    return subprocess.Popen(command, env=quiet, stdout=subprocess.DEVNULL, start_new_session=True)
+    return subprocess.Popen(command, env=quiet, stdout=subprocess.DEVNULL, stderr=errors, start_new_session=True)
 
 
 def _interrupt(number: int, frame: object) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.channel.scene_paths import Paths
 from mmw.core.transforms import normalize, rotate
 from mmw.scene.radio_devices import RadioDevice

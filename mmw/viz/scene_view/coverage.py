@@ -1,21 +1,12 @@
 """Choose the values of a radio map that are drawn, and their colors."""
 
 from dataclasses import dataclass
-from typing import Literal, get_args
 
 import numpy as np
 
-from mmw.channel.radio_map.solver import RadioMap
-from mmw.core.errors import InputError
-from mmw.viz.plots.radio_map_plot import LOWEST_SHARE
+from mmw.channel.radio_map.radio_map import RadioMap
+from mmw.viz.plots.radio_map_plot import LABELS, LOWEST_SHARE
 from mmw.viz.plots.style import scale_colors
-
-Metric = Literal["path_gain", "rss", "sinr"]
-"""Quantity of a map: path gain, received signal strength, or SINR, in each cell of the transmitter that is strongest
-there."""
-
-LABELS: dict[str, str] = {"path_gain": "path gain [dB]", "rss": "RSS [dBm]", "sinr": "SINR [dB]"}
-"""Metric -> name and unit for people."""
 
 
 @dataclass(frozen=True)
@@ -46,21 +37,18 @@ class Coverage:
 
 
 def choose_coverage(radio_map: RadioMap, metric: str) -> Coverage:
-    """Return the values of a metric; cells that nothing reaches are left out.
+    """Return the largest value of a metric in each cell; cells that nothing reaches are left out.
+
+    Args:
+        radio_map: The map.
+        metric: `path_gain`, `rss` or `sinr`.
 
     Raises:
         InputError: If there is no such metric.
     """
-    if metric not in get_args(Metric):
-        raise InputError(f"radio map: metric = {metric!r}; one of {', '.join(LABELS)} is needed; name one")
-    server, surface = radio_map.tx_association, radio_map.surface
-    cell = np.flatnonzero(server >= 0)
-    if metric == "path_gain":
-        values = radio_map.path_gain_db.max(axis=0)[cell]
-    else:
-        values = (radio_map.rss_dbm if metric == "rss" else radio_map.sinr_db)[server[cell], cell]
-    number = np.full(len(surface), -1, dtype=np.int64)
-    number[cell] = np.arange(len(cell))
-    of_face = np.repeat(number, len(surface.faces) // len(surface))
-    triangles = surface.corners.reshape(-1, 3)[surface.faces[of_face >= 0]]
-    return Coverage(LABELS[metric], values, triangles, of_face[of_face >= 0])
+    values, surface = radio_map.metric_db(metric), radio_map.surface
+    is_reached = np.isfinite(values)
+    number = np.cumsum(is_reached) - 1
+    face = np.flatnonzero(is_reached[surface.cell_of_face])
+    triangles = surface.corners.reshape(-1, 3)[surface.faces[face]]
+    return Coverage(LABELS[metric], values[is_reached], triangles, number[surface.cell_of_face[face]])

@@ -10,7 +10,7 @@ from mmw.viz.scene_view.content import SceneContent
 from mmw.viz.scene_view.surfaces import EVERYTHING, ClipBox
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
 
 MAX_TRIANGLES = 20_000
 """Triangles that are drawn at most, the largest: matplotlib sorts and draws each by itself. Design value."""
@@ -30,7 +30,7 @@ AMBIENT = 0.55
 DPI = 100
 
 
-def plot_scene(content: SceneContent, reason: str, height_px: int) -> "Figure | SubFigure":
+def plot_scene(content: SceneContent, reason: str, height_px: int) -> "Figure":
     """Return a figure of a scene; it can be turned where matplotlib has a window or a widget.
 
     Surfaces are drawn around antennas and paths, the largest `MAX_TRIANGLES`. matplotlib sorts triangles by their

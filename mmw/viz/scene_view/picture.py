@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 
-from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
 from mmw.scene.scene import Scene
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.rgb.config import RgbCamera
+from mmw.sensors.rgb.simulate import rgb_renderer
 from mmw.viz.plots.style import BLUE, ORANGE, scale_colors
 from mmw.viz.scene_view.content import Antenna, antennas
 from mmw.viz.scene_view.coverage import Coverage, choose_coverage
@@ -62,6 +63,7 @@ def render_picture(
     path_width_px: float = 2.0,
     occlude: bool = True,
     show_devices: bool = True,
+    show_legend: bool = True,
 ) -> Image.Image:
     """Return a picture by the RGB camera with paths, coverage and antennas in their places.
 
@@ -77,7 +79,7 @@ def render_picture(
             `eye` and `look_at`.
         paths: Paths that were solved in this scene.
         radio_map: Coverage to draw.
-        metric: `path_gain`, `rss` or `sinr` of the radio map, in each cell of the transmitter that is strongest there.
+        metric: `path_gain`, `rss` or `sinr` of the radio map, the largest of all transmitters in each cell.
         max_paths: Draw so many of the strongest paths.
         carrier_hz: Carrier of the paths' gains [Hz]; None means the first.
         weather: Weather; None means the scene's first.
@@ -86,6 +88,7 @@ def render_picture(
         path_width_px: Width of a line [px].
         occlude: Let surfaces hide paths, coverage and antennas; False draws all of them over the picture.
         show_devices: Draw transmitters and receivers with their names.
+        show_legend: Draw the color scales, and what was left out.
 
     Raises:
         InputError: If there is no view or more than one, an argument cannot be used, or the paths are of another scene.
@@ -106,7 +109,7 @@ def render_picture(
     view = PictureView(intrinsics_of(camera), place, renderer.distances(place, camera) if occlude else None)
     if coverage is not None:
         picture = _with_coverage(picture, view, coverage, scene.device)
-    return Overlay(picture, view, path_width_px).finished(
+    return Overlay(picture, view, path_width_px, show_legend).finished(
         lines,
         coverage,
         antennas(scene, scene.transmitters) if show_devices else {},
@@ -139,13 +142,10 @@ def _view_pose(eye: ArrayLike | None, look_at: ArrayLike | None, pose: ArrayLike
 
 
 def _renderer(scene: Scene, weather: str) -> StillRenderer:
-    """Return the renderer of a scene, which is kept with it until something in the scene changes."""
-    key, on_device = ("picture", weather), scene.device_scene
-    arrays, renderer = scene.cache.get(key, (None, None))
-    if renderer is None or arrays is not on_device.arrays:
-        renderer = StillRenderer(on_device, {weather: scene.weathers[weather]}, seed=scene.seed)
-        scene.cache[key] = (on_device.arrays, renderer)
-    return renderer
+    """Return the renderer of a scene; its textures and skies are those that `scene.capture` keeps."""
+    on_device, weathers = scene.device_scene, {weather: scene.weathers[weather]}
+    camera = rgb_renderer(scene.cache, on_device, weathers, scene.seed, debug=False)
+    return StillRenderer(on_device, weathers, seed=scene.seed, camera=camera)
 
 
 def _with_coverage(picture: Image.Image, view: PictureView, coverage: Coverage, device: str) -> Image.Image:
@@ -165,6 +165,7 @@ class Overlay:
     picture: Image.Image
     view: PictureView
     path_width_px: float
+    show_legend: bool
 
     def finished(
         self, lines: PathLines | None, coverage: Coverage | None, transmitters: dict[str, Antenna],
@@ -187,7 +188,7 @@ class Overlay:
             text.append(f"the weakest {lines.total - len(lines):,} are left out")
         if any(run.is_hidden for run in runs):
             text.append("dashed: behind a surface")
-        if bars or text:
+        if self.show_legend and (bars or text):
             legend = legend_image(bars, text, float(np.clip(width / WIDTH_PX, 0.6, 2.0)))
             result.alpha_composite(legend, (MARGIN_PX, MARGIN_PX))
         return result.convert("RGB")

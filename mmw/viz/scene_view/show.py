@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
 from mmw.core.extras import install, needed_by
@@ -54,7 +54,7 @@ def show(
         scene: The scene; its frame is shown.
         paths: Paths that were solved in this scene.
         radio_map: Coverage to draw.
-        metric: `path_gain`, `rss` or `sinr` of the radio map, in each cell of the transmitter that is strongest there.
+        metric: `path_gain`, `rss` or `sinr` of the radio map, the largest of all transmitters in each cell.
         clip_z_m: Cut off what is above this height [m].
         clip: Show the inside of a box: (xmin, ymin, zmin, xmax, ymax, zmax) [m]; inf leaves a side open.
         max_paths: Show so many of the strongest paths.
@@ -170,19 +170,12 @@ def _show_rerun(content: SceneContent, file: Path | None, height_px: int) -> Any
         widget = rerun.notebook.Viewer(width="auto", height=height_px, recording=stream)
         log_scene(stream, content)
         return widget
-    try:
-        window = open_window()
-    except InputError as error:
-        raise InputError(
-            "show: Rerun's window cannot open, the lines above say why; give save='scene.rrd', or renderer='matplotlib'"
-        ) from error
 
     def log(one: Any, flush: Any) -> None:
         log_scene(one, content)
         flush()
 
-    window.receive(stream, log)
-    return window
+    return open_window(stream, log)
 
 
 def _plot(content: SceneContent, reason: str, height_px: int) -> Any:

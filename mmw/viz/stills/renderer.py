@@ -85,13 +85,21 @@ def load_renderer(
 class StillRenderer:
     """Renders pictures of a scene. Textures and skies are loaded once."""
 
-    def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0):
+    def __init__(
+        self,
+        scene: DeviceScene,
+        weathers: Mapping[str, Weather],
+        *,
+        seed: int = 0,
+        camera: RgbRenderer | None = None,
+    ):
         """Load textures and bake the skies.
 
         Args:
             scene: Town and vehicles, with a batch loaded.
             weathers: Weather name -> values; the scene was read for each of them.
             seed: Of clouds and rain.
+            camera: Renderer of the scene that has the weathers, if there is one already.
 
         Raises:
             InputError: If the scene was not read for a weather, or a texture cannot be decoded.
@@ -99,10 +107,11 @@ class StillRenderer:
         self.scene = scene
         self._weathers = dict(weathers)
         self._seed = seed
+        self._given = camera
 
     @cached_property
     def _camera(self) -> RgbRenderer:
-        return RgbRenderer(self.scene, self._weathers, seed=self._seed)
+        return self._given or RgbRenderer(self.scene, self._weathers, seed=self._seed)
 
     @cached_property
     def _map_camera(self) -> RgbRenderer:

@@ -3,7 +3,7 @@
 import pytest
 
 from mmw.channel import Paths, PathSolver
-from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.scene import Scene
 from tests.fixtures.street_scene import CARRIERS_HZ, street_radio_map, street_scene
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mmw.channel.radio_map.solver import RadioMap
+from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.core.errors import InputError
 from mmw.viz.scene_view.coverage import choose_coverage
 

@@ -1,5 +1,6 @@
 """Surfaces of a scene and the box that cuts them, against polygons cut corner by corner."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -26,7 +27,7 @@ def cut_polygon(polygon: list[np.ndarray], axis: int, side: float, sign: float) 
 
 
 def area_of(polygon: list[np.ndarray]) -> float:
-    turned = [np.cross(b - polygon[0], c - polygon[0]) for b, c in zip(polygon[1:], polygon[2:], strict=False)]
+    turned = [np.cross(b - polygon[0], c - polygon[0]) for b, c in itertools.pairwise(polygon)]
     return 0.5 * float(np.linalg.norm(np.sum(turned, axis=0))) if turned else 0.0
 
 
