@@ -136,7 +136,9 @@ def slab_field(permittivity: wp.vec2d, cosine: wp.float64, thickness: wp.float64
         result.reflect_tm = wp.vec2d(wp.float64(1.0), zero)
     else:
         c = wp.vec2d(wp.max(cosine, MIN_COSINE), zero)
-        inner = complex_root(permittivity - wp.vec2d(wp.float64(1.0) - c[0] * c[0], zero))
+        inner = c  # in vacuum, which reflects exactly nothing
+        if permittivity[0] != wp.float64(1.0) or permittivity[1] != zero:
+            inner = complex_root(permittivity - wp.vec2d(wp.float64(1.0) - c[0] * c[0], zero))
         single_trip = wp.vec2d()  # e^{-jq}, q = 2 pi d inner / lambda: factor of one passage
         if thickness > zero:
             q = wavenumber * thickness * inner

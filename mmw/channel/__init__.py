@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mmw.channel.antennas.array_response import apply_arrays, plane_wave_error, rotations_from_poses
-    from mmw.channel.antennas.arrays import PlanarArray, ula, upa
-    from mmw.channel.antennas.patterns import PatternTable
+    from mmw.channel.antennas.arrays import AntennaArray, PlanarArray, ula, upa
+    from mmw.channel.antennas.directivity import pattern_directivity, radiated_power
+    from mmw.channel.antennas.patterns import PatternTable, register_pattern
     from mmw.channel.antennas.per_element_links import per_element_links
     from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain
     from mmw.channel.path_solver.path_solver import PathSolver
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
 
 _HOME = {
     "antennas.array_response": ("apply_arrays", "plane_wave_error", "rotations_from_poses"),
-    "antennas.arrays": ("PlanarArray", "ula", "upa"),
-    "antennas.patterns": ("PatternTable",),
+    "antennas.arrays": ("AntennaArray", "PlanarArray", "ula", "upa"),
+    "antennas.directivity": ("pattern_directivity", "radiated_power"),
+    "antennas.patterns": ("PatternTable", "register_pattern"),
     "antennas.per_element_links": ("per_element_links",),
     "codebook": ("beam_gains", "best_beams", "dft_codebook", "normalized_gain"),
     "path_solver.path_solver": ("PathSolver",),
@@ -41,11 +43,12 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "MeasurementSurface", "PathSolver", "PathTracks", "Paths",
-    "PatternTable", "PlanarArray", "RadioMap", "RadioMapSolver", "apply_arrays", "beam_gains", "best_beams",
+    "LINK_COLUMNS", "PATH_COLUMNS", "AntennaArray", "CarrierPaths", "MeasurementSurface", "PathSolver", "PathTracks",
+    "Paths", "PatternTable", "PlanarArray", "RadioMap", "RadioMapSolver", "apply_arrays", "beam_gains", "best_beams",
     "complex_gain", "dft_codebook", "frequency_response", "impulse_response", "mesh_surface", "normalized_gain",
-    "per_element_links", "plane_grid", "plane_wave_error", "road_grid", "rotations_from_poses", "rows_from_paths",
-    "subcarrier_frequencies", "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
+    "pattern_directivity", "per_element_links", "plane_grid", "plane_wave_error", "radiated_power",
+    "register_pattern", "road_grid", "rotations_from_poses", "rows_from_paths", "subcarrier_frequencies", "taps",
+    "tracks_from_paths", "tracks_from_table", "ula", "upa",
 ]  # fmt: skip
 
 

@@ -64,13 +64,18 @@ def dft_codebook(array: PlanarArray, beams: int | tuple[int, int] = 64) -> np.nd
         for the second: a beam feeds one polarization.
 
     Raises:
-        InputError: If a planar array gets one number.
+        InputError: If a planar array gets one number, or an array has no rows and columns.
 
     Examples:
         >>> from mmw.channel import ula, upa
         >>> dft_codebook(ula(16), 32).shape, dft_codebook(upa(4, 8), (8, 16)).shape
         ((16, 32), (32, 128))
     """
+    if not isinstance(array, PlanarArray):
+        raise InputError(
+            f"dft_codebook: an {type(array).__name__} has no rows and columns; a PlanarArray is needed, or a codebook "
+            "of your own, shape [antennas, beams]"
+        )
     if isinstance(beams, tuple):
         row_beams, column_beams = beams
     elif array.num_rows == 1:

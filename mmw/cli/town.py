@@ -51,7 +51,7 @@ def main(argv: Sequence[str], prog: str = "mmw town") -> int:
 
 
 def _build(arguments: argparse.Namespace) -> None:
-    from mmw.physics.materials.permittivity import RADIO_ROWS
+    from mmw.physics.materials.itu_rows import RADIO_ROWS
     from mmw.worlds.towns.build import build_shipped_town, build_town
 
     path = Path(arguments.description)
@@ -63,7 +63,7 @@ def _build(arguments: argparse.Namespace) -> None:
 
 def _check(arguments: argparse.Namespace) -> int:
     from mmw.core.device import choose_device
-    from mmw.physics.materials.permittivity import RADIO_ROWS
+    from mmw.physics.materials.itu_rows import RADIO_ROWS
     from mmw.worlds.checks.check import check_stage, stage_path
 
     choose_device("cpu")  # and suppress Warp's own lines in the output
@@ -74,7 +74,7 @@ def _check(arguments: argparse.Namespace) -> int:
     for glob, row in rows.items():
         if row not in RADIO_ROWS:
             raise InputError(f"--material-map {glob}={row}: no radio material; use one of {', '.join(RADIO_ROWS)}")
-    report = check_stage(stage_path(arguments.stage), rows, RADIO_ROWS)
+    report = check_stage(stage_path(arguments.stage), rows)
     if arguments.json:
         counts = {f"{severity}s": report.count(severity) for severity in ("error", "warning")}
         records = [finding.record() for finding in report.findings]

@@ -33,6 +33,9 @@ class MaterialEntry(Section):
     xpd: float | None = Field(
         default=None, ge=0, le=1, description="cross-polarised share of the scattered power (fraction)"
     )
+    scattering_pattern: str | None = Field(
+        default=None, description="lambertian, directive, backscattering or a registered pattern (name)"
+    )
     label: str | None = Field(default=None, description="semantic class (label)")
     color: Vec3 | None = Field(default=None, description="linear diffuse color, 0 to 1 (fraction)")
     roughness: float | None = Field(default=None, ge=0, le=1, description="roughness of the picture (fraction)")
@@ -43,6 +46,11 @@ class MaterialEntry(Section):
     def changes(self) -> dict[str, object]:
         """Properties of a custom material: every key that is given but `material` and `label`."""
         return self.model_dump(exclude_none=True, exclude={"material", "label"})
+
+    @property
+    def names_radio(self) -> bool:
+        """True if the entry says by itself what the material is to radio waves."""
+        return any(value is not None for value in (self.material, self.radio, self.relative_permittivity))
 
     @model_validator(mode="before")
     @classmethod

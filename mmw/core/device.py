@@ -1,8 +1,12 @@
 """Choose the devices and the number of workers."""
 
+import logging
 import math
 import os
+import tempfile
 from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import cache
 
 import warp as wp
 
@@ -10,8 +14,33 @@ from mmw.core.cpu_cores import cores
 from mmw.core.cpu_kind import cpu_kind
 from mmw.core.errors import InputError
 
+LOGGER = logging.getLogger(__name__)
+
 wp.config.log_level = wp.LOG_ERROR
 """Warp's start-up lines and its note on a missing GPU are redundant: `choose_device` reports the same."""
+
+
+@cache
+def start_warp() -> None:
+    """Initialize Warp; log what its native code prints, such as a line where there is no CUDA driver."""
+    with ExitStack() as stack:
+        try:
+            file, shown = stack.enter_context(tempfile.TemporaryFile()), os.dup(2)
+        except OSError:  # there is no room for a file, or no standard error
+            wp.init()
+            return
+        os.dup2(file.fileno(), 2)
+        try:
+            wp.init()
+        finally:
+            os.dup2(shown, 2)
+            os.close(shown)
+            file.seek(0)
+            for line in file.readlines():
+                if line.startswith(b"Warp "):
+                    LOGGER.info("%s", line.decode(errors="replace").strip())
+                else:  # of another thread
+                    os.write(2, line)
 
 
 def choose_device(name: str) -> str:
@@ -20,7 +49,7 @@ def choose_device(name: str) -> str:
     Raises:
         InputError: If the machine has no such device; the message lists the available ones.
     """
-    wp.init()
+    start_warp()
     known = [device.alias for device in wp.get_devices()]
     if name == "auto":
         return "cuda:0" if "cuda:0" in known else "cpu"

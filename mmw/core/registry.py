@@ -25,7 +25,7 @@ class Registry(Mapping[str, T], Generic[T]):
     Iteration yields built-in names first, then those of entry points sorted by name, then those of `register`.
     """
 
-    def __init__(self, group: str, what: str, kind: str, builtin: Mapping[str, str]) -> None:
+    def __init__(self, group: str, what: str, kind: str, builtin: Mapping[str, str], check: str | None = None) -> None:
         """Store names and references, without importing a plug-in.
 
         Args:
@@ -33,8 +33,11 @@ class Registry(Mapping[str, T], Generic[T]):
             what: Kind of plug-in, for messages, such as `sensor`.
             kind: Its class as `module:class`; anything else is refused.
             builtin: Name -> `module:attribute` of the plug-ins of mmw.
+            check: `module:function` that is called with name and plug-in when one is registered or loaded, and raises
+                if it is wrong.
         """
         self._group, self._what, self._kind, self._builtin = group, what, kind, dict(builtin)
+        self._check = check
         self._loaded: dict[str, T] = {}
         self._added: dict[str, T] = {}
         self._found: dict[str, EntryPoint] | None = None
@@ -43,7 +46,7 @@ class Registry(Mapping[str, T], Generic[T]):
         """Add a plug-in of this process and return it.
 
         Raises:
-            InputError: If the name is taken, or the plug-in has another type.
+            InputError: If the name is taken, or the plug-in has another type or is wrong.
         """
         if name in self:
             raise InputError(f"{self._what} {name!r}: is registered by {self.owner(name)} already; choose another name")
@@ -110,6 +113,8 @@ class Registry(Mapping[str, T], Generic[T]):
             raise InputError(
                 f"{self._what} {name!r} of {owner}: is a {type(plugin).__name__}; a {kind.__name__} is needed"
             )
+        if self._check is not None:
+            load_reference(self._check)(name, plugin)
         return plugin
 
 

@@ -39,8 +39,10 @@ class Console:
     def __init__(self, *, is_quiet: bool = False) -> None:
         """Print nothing if `is_quiet`."""
         self._is_quiet = is_quiet
-        # Rich would show each line of a notebook as an HTML document of its own, and its bar needs ipywidgets.
-        self._rich = RichConsole(stderr=True, highlight=False, soft_wrap=True, quiet=is_quiet, force_jupyter=False)
+        # Rich shows a notebook each line as HTML of its own, a bar by ipywidgets, or else as a stream that keeps every
+        # state of it: plain lines are better there, although its standard error says that it is a terminal.
+        plain = {"force_jupyter": False, "force_terminal": False} if RichConsole().is_jupyter else {}
+        self._rich = RichConsole(stderr=True, highlight=False, soft_wrap=True, quiet=is_quiet, **plain)
         self._progress: Progress | None = None
         self._task = None
         self._warned: set[str] = set()

@@ -33,8 +33,10 @@ from mmw.storage.arrow_tables import normalize_names, table_from_columns
 
 LOGGER = logging.getLogger(__name__)
 
-FRAMES_PER_LAUNCH = {"cpu": 1, "cuda": 8}
-"""Frames that an iteration traces in one launch at most; `compute.batch_frames` may be fewer. Design values."""
+FRAMES_PER_LAUNCH = {"cpu": 1, "cuda": 16}
+"""Frames that an iteration traces in one launch at most; `compute.batch_frames` may be fewer. On an H100 a frame among
+16 takes a sixth of its time alone (`docs/development/scaling.md`); on a CPU nine tenths, and the first comes later.
+Design values."""
 
 
 class Simulation:

@@ -12,7 +12,7 @@ from typing import Any
 
 from mmw.config import Config, ScenarioConfig
 from mmw.core.cuda import retain_memory, use_blocking_sync
-from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind
+from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind, start_warp
 from mmw.core.errors import InputError
 from mmw.core.temp_files import Owner
 from mmw.generation.configuration_warnings import configuration_warnings
@@ -75,6 +75,7 @@ class Worker:
         Raises:
             InputError: If the device is of a kind that may not make shards.
         """
+        start_warp()
         if not use_blocking_sync(device):
             reporter.warn_once(f"threads that wait for {device} keep a core busy: its driver does not let them sleep")
         retain_memory(device, GPU_BYTES_PER_WORKER)

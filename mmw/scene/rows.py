@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from mmw.config.sensor_spec import spec_of
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
-from mmw.physics.materials.material import RadioMaterial
+from mmw.physics.materials.material import FILE_FIELDS, file_values
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, names, split
 from mmw.scene.views import mount_pose
@@ -76,7 +75,7 @@ def static_rows(arrays: SceneData, config: Config) -> dict[str, Columns]:
     """Return the tables of a scenario that no frame changes: `objects`, `sensors`, `materials`."""
     objects = arrays.objects
     materials = [(w, i, m) for w in config.weathers for i, m in enumerate(arrays.materials[w])]
-    radio = [m.radio for _, _, m in materials]
+    radio = [file_values(m.radio) for _, _, m in materials]
     return {
         "objects": {
             "object_id": np.array([o.object_id for o in objects], dtype=np.int32),
@@ -91,8 +90,8 @@ def static_rows(arrays: SceneData, config: Config) -> dict[str, Columns]:
             "weather": [w for w, _, _ in materials],
             "material_id": np.array([i for _, i, _ in materials], dtype=np.int32),
             "name": [m.name for _, _, m in materials],
-            **{field.name: [getattr(r, field.name) for r in radio] for field in fields(RadioMaterial)},
-            "itu": [r.itu or None for r in radio],
+            **{name: [values[name] for values in radio] for name in FILE_FIELDS},
+            "itu": [values["itu"] or None for values in radio],
             "nonvisual_base": [m.nonvisual_base for _, _, m in materials],
             "lidar_reflectance": np.array([m.lidar_reflectance for _, _, m in materials]),
             "color": [np.array(m.color, dtype=np.float32) for _, _, m in materials],

@@ -1,8 +1,7 @@
 """Read Material prims as `mmw.physics.materials.material.Material`, with or without radio attributes."""
 
-import re
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
 from pxr import Usd, UsdShade
@@ -10,14 +9,16 @@ from pxr import Usd, UsdShade
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.physics.materials.appearance import Appearance
+from mmw.physics.materials.itu_rows import RADIO_ROWS
 from mmw.physics.materials.material import (
     LIDAR_REFLECTANCE_905NM,
     Material,
     RadioMaterial,
+    file_values,
     lidar_reflectance,
     wrong_radio_value,
 )
-from mmw.usd.material_entries import MaterialMap, find_entry, mapped_radio
+from mmw.usd.material_entries import MaterialMap, find_entry, mapped_radio, named_row
 from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
 from mmw.usd.preview_surface import Notes, read_appearance
 from mmw.usd.prim_values import attribute_value, decimal, decimals
@@ -78,13 +79,17 @@ def resolve_material(
 
     `mmw:radio:*` of the bound material; the user's map, by glob of the mesh's prim path or of the material's name; a
     material name that is or holds an `itu_...` row; its non-visual base; the semantic class.
+
+    Raises:
+        InputError: If the name holds an `itu_...` row that does not exist, and the map gives no other one.
     """
     path = str(material.GetPath()) if material else ""
     name = material.GetName() if material else ""
     if material and _has_radio(material):
         return MaterialUse(name, path, None)
-    fallback = _infer_radio(material, name, label) if material else None
     entry = find_entry(material_map, mesh_path, name)
+    is_inferred = material and not (entry is not None and entry.names_radio)
+    fallback = _infer_radio(material, label) if is_inferred else None
     if entry is not None:
         fallback = mapped_radio(entry, fallback)
         if fallback is not None:
@@ -93,11 +98,22 @@ def resolve_material(
     return MaterialUse(name, path, fallback) if fallback else None
 
 
-def _infer_radio(material: Usd.Prim, name: str, label: str) -> RadioMaterial | None:
+def unknown_row(material: Usd.Prim) -> str:
+    """Return the `itu_...` row that a material's name holds if it does not exist and `mmw:radio:*` is not there."""
+    row = named_row(material.GetName())
+    return "" if row in RADIO_ROWS or _has_radio(material) else row
+
+
+def _infer_radio(material: Usd.Prim, label: str) -> RadioMaterial | None:
     """Return the radio description by name, non-visual base or semantic class, without `mmw:radio:*`."""
-    row = re.search(r"itu_[a-z_]*[a-z]", name)  # also inside a longer name, such as mat_itu_concrete_001
+    if unknown_row(material):
+        raise InputError(
+            f"{material.GetPath()}: the radio material {unknown_row(material)!r} of its name does not exist; use one "
+            f"of {', '.join(RADIO_ROWS)}; rename it, or describe it by mmw:radio:* or a material map"
+        )
+    row = named_row(material.GetName())
     if row:
-        return RadioMaterial("itu", itu=row[0])
+        return RadioMaterial("itu", itu=row)
     return RADIO_OF_BASE.get(attribute_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
 
 
@@ -195,7 +211,7 @@ def _has_radio(prim: Usd.Prim) -> bool:
 def _read_radio(prim: Usd.Prim) -> RadioMaterial:
     where = prim.GetPath()
     values = {}
-    for name, default in asdict(RadioMaterial("constant")).items():
+    for name, default in file_values(RadioMaterial("constant")).items():
         value = attribute_value(prim, RADIO_ATTRIBUTES[name].name, default)
         values[name] = decimal(value) if isinstance(default, float) else type(default)(value)
     wrong = wrong_radio_value(values)

@@ -1,13 +1,13 @@
 """Register the codeless USD schema `MmwRadioMaterialAPI` and name its attributes."""
 
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from pxr import Plug, Sdf
 
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
-from mmw.physics.materials.material import RadioMaterial
+from mmw.physics.materials.material import RadioMaterial, file_values
 
 RADIO_API = "MmwRadioMaterialAPI"
 """Name of the applied API schema, as in a prim's `apiSchemas`."""
@@ -34,7 +34,7 @@ _TYPES = {
 
 RADIO_ATTRIBUTES = {
     name: RadioAttribute("mmw:radio:" + re.sub("_(.)", lambda match: match[1].upper(), name), *_TYPES[type(value)])
-    for name, value in asdict(RadioMaterial("constant")).items()
+    for name, value in file_values(RadioMaterial("constant")).items()
 }
 """Field of `mmw.physics.materials.material.RadioMaterial` -> attribute of the Material prim."""
 

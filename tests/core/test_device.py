@@ -1,5 +1,6 @@
 """Default numbers of workers, threads and cores."""
 
+import logging
 import math
 import os
 import subprocess
@@ -13,7 +14,7 @@ import warp as wp
 from mmw.core import device
 from mmw.core.cpu_cores import single_threaded_libraries
 from mmw.core.cuda import retain_memory, use_blocking_sync
-from mmw.core.device import workers_per_gpu, writer_threads
+from mmw.core.device import start_warp, workers_per_gpu, writer_threads
 
 GB = 1 << 30
 
@@ -69,3 +70,25 @@ def test_threads_can_sleep_and_freed_memory_stays_up_to_the_limit(device: str) -
     if wp.get_device(device).is_cuda:
         assert wp.get_mempool_release_threshold(device) == 1 << 30
         retain_memory(device, 0)  # as it was
+
+
+def test_warp_starts_without_a_word() -> None:
+    """Its native code prints a line where there is no driver."""
+    code = "from mmw.core.device import choose_device; print(choose_device('cpu'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("cpu\n", "")
+
+
+def test_lines_of_warp_are_logged_and_those_of_others_printed(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    def init() -> None:
+        os.write(2, b"Warp CUDA warning: none\nanother thread\n")
+        raise RuntimeError("no Warp")
+
+    monkeypatch.setattr(wp, "init", init)
+    with caplog.at_level(logging.INFO, "mmw"), pytest.raises(RuntimeError, match="no Warp"):
+        start_warp.__wrapped__()
+    os.write(2, b"later\n")
+    assert capfd.readouterr().err == "another thread\nlater\n"
+    assert [record.getMessage() for record in caplog.records] == ["Warp CUDA warning: none"]

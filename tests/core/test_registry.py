@@ -41,6 +41,22 @@ def test_two_owners_of_a_name_are_an_error(monkeypatch: pytest.MonkeyPatch, entr
         list(make(monkeypatch, *entries))
 
 
+def refuse_zip(name: str, plugin: object) -> None:
+    if plugin is zip:
+        raise InputError(f"{name}: no zip")
+
+
+def test_what_is_registered_or_loaded_is_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [EntryPoint("pairs", "builtins:zip", "mmw.tests"), EntryPoint("all", "builtins:all", "mmw.tests")]
+    monkeypatch.setattr(mmw.core.registry, "entry_points", lambda group: found)
+    tools: Registry = Registry("mmw.tests", "tool", "collections.abc:Callable", BUILTIN, check=f"{__name__}:refuse_zip")
+    assert tools["all"] is all and tools["join"] and tools.register("own", len) is len
+    for call in (lambda: tools["pairs"], lambda: tools.register("pairs_too", zip)):
+        with pytest.raises(InputError, match=r"pairs\w*: no zip"):
+            call()
+    assert "pairs_too" not in tools
+
+
 def test_a_taken_name_and_a_wrong_type_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
     tools = make(monkeypatch, ("separator", "os.path:sep"))
     with pytest.raises(InputError, match="'join': is registered by mmw already"):

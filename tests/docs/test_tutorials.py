@@ -26,6 +26,7 @@ NOT_RUN = {
     "guides/query.md": 1,
     "guides/csi.md": 0,
     "guides/radio-maps.md": 1,
+    "guides/materials.md": 0,
     "guides/own-town.md": 1,
     "guides/own-sensor.md": 1,
 }
@@ -72,7 +73,7 @@ def test_generate_and_replay_from_python(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "small" / "dataset.json").is_file()
 
 
-@pytest.mark.parametrize("page", ["query", "csi"])
+@pytest.mark.parametrize("page", ["query", "csi", "materials"])
 def test_pages_on_the_quickstart(page: str, clone: Path) -> None:
     link_dataset(clone)
     run_page(DOCS / "guides" / f"{page}.md", clone)

@@ -95,10 +95,11 @@ def test_a_quiet_console_prints_nothing_and_logs_all(
 
 
 def test_a_notebook_has_plain_lines(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """Rich takes a process for a notebook by this function and the name of its shell's class."""
+    """Its streams say that they are terminals. Rich knows it by this function and the class of its shell."""
     shell = type("ZMQInteractiveShell", (), {})()
     monkeypatch.setattr(builtins, "get_ipython", lambda: shell, raising=False)
+    err = Stream(is_terminal=True)
+    monkeypatch.setattr(sys, "stderr", err)
     show(Console())
-    told = capsys.readouterr()
-    assert told.out == "all done\n"
-    assert re.fullmatch(r"note: mind this\n(town: [24]/4 frames, .* s left\n){2}", told.err)
+    assert capsys.readouterr().out == "all done\n"
+    assert re.fullmatch(r"note: mind this\n(town: [24]/4 frames, .* s left\n){2}", err.getvalue())

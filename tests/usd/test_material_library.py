@@ -25,6 +25,7 @@ from mmw.usd.material_library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec
 from mmw.usd.materials import read_material, resolve_material
 from mmw.usd.validate import validate_stage
 from mmw.worlds.materials.library import build_materials, write_material
+from tests.fixtures.radio_materials import WRONG_RADIO
 
 SHIPPED = assets_dir() / "materials" / "materials.usda"
 
@@ -106,35 +107,10 @@ def test_authored_numbers_read_back(tmp_path):
     assert read_material(stage, resolve_material("/mesh", "", material.GetPrim(), {})).radio == radio
 
 
-WRONG_RADIO = [
-    ({"scattering_pattern": "mine"}, "one of lambertian, directive, backscattering"),
-    ({"scattering": 1.5}, "0 to 1"),
-    ({"scattering": -0.1}, "0 to 1"),
-    ({"scattering": math.nan}, "0 to 1"),
-    ({"xpd": 2.0}, "0 to 1"),
-    ({"thickness": -0.1}, "at least 0 m"),
-    ({"thickness": math.inf}, "at least 0 m"),
-    ({"relative_permittivity": -2.0}, "at least 1"),
-    ({"relative_permittivity": math.nan}, "at least 1"),
-    ({"conductivity": -1.0}, "at least 0 S/m"),
-    ({"alpha_r": 0}, "a whole number from 1 to 1000"),
-    ({"alpha_i": 2000}, "a whole number from 1 to 1000"),
-    ({"lobe_share": 1.5}, "0 to 1"),
-    ({"model": "measured"}, "itu or constant"),
-    ({"model": "itu", "itu": ""}, "a row such as itu_concrete, for model itu,"),
-]
-"""Fields of a radio material of which the last is wrong, and what it needs."""
-
-
-@pytest.mark.parametrize(("changes", "needed"), [*WRONG_RADIO, ({"alpha_r": 2.5}, "a whole number from 1 to 1000")])
-def test_a_wrong_radio_material_is_refused(changes: dict, needed: str) -> None:
-    name, value = list(changes.items())[-1]
-    message = f"radio material: {name} = {value!r}; {needed} is needed; correct it"
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        RadioMaterial(**{"model": "constant", **changes})
-
-
-@pytest.mark.parametrize(("changes", "needed"), WRONG_RADIO)
+@pytest.mark.parametrize(
+    ("changes", "needed"),
+    [*WRONG_RADIO, *(({"model": model}, "itu or constant") for model in ("measured", "function"))],
+)
 def test_wrong_radio_attributes_are_refused_with_their_place(changes: dict, needed: str) -> None:
     stage = Usd.Stage.CreateInMemory()
     material = write_material(stage, "/Wall", MaterialSpec(RadioMaterial("constant"), "brick", (0.5, 0.5, 0.5), 0.5))

@@ -197,6 +197,35 @@ def test_display_color_of_a_mesh_without_material(stage: Usd.Stage, tmp_path: Pa
     assert colors == {(0.9, 0.8, 0.7), (0.1, 0.2, 0.3)}
 
 
+def test_a_name_that_holds_no_row_is_told_unless_something_else_describes_it(stage: Usd.Stage) -> None:
+    """`mmw:radio:*` and entries of the map that name a material count before the name; others do not."""
+    material = add_material(stage, "/World/Looks/mat_itu_cheese_1")
+    add_quad(stage, "/World/a", material)
+    message = (
+        "/World/Looks/mat_itu_cheese_1: the radio material 'itu_cheese' of its name does not exist; use one of itu_"
+    )
+    for bare in ({}, {"/World/*": MaterialEntry(thickness=0.1)}):
+        with pytest.raises(ValueError, match=message):
+            read(stage, material_map=bare)
+    for entry in (
+        MaterialEntry(radio="itu_wood"),
+        MaterialEntry(relative_permittivity=3.0),
+        MaterialEntry(material="wood"),
+    ):
+        arrays = read(stage, material_map={"/World/*": entry})
+        assert arrays.materials["sunny"][arrays.material[0]].radio.model == (
+            "constant" if entry.relative_permittivity else "itu"
+        )
+    material.GetPrim().CreateAttribute("mmw:radio:model", KINDS.Token).Set("itu")
+    material.GetPrim().CreateAttribute("mmw:radio:itu", KINDS.Token).Set("itu_brick")
+    assert read(stage).materials["sunny"][0].radio.itu == "itu_brick"
+    material.GetPrim().GetAttribute("mmw:radio:itu").Set("itu_cheese")
+    with pytest.raises(
+        ValueError, match=r"mat_itu_cheese_1: mmw:radio:itu = 'itu_cheese'; one of itu_.* is needed; correct"
+    ):
+        read(stage)
+
+
 def test_material_of_the_library_has_its_look(device: str, stage: Usd.Stage, tmp_path: Path) -> None:
     """By the material map: color and roughness of the library, and its tile where the mesh has coordinates."""
     give_uv(add_quad(stage, "/World/with"))

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.antennas.arrays import ElementArray
 from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.path_table import CarrierPaths, encode_key, read_column, read_numbers
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -28,8 +28,8 @@ POSE_COLUMNS = ("scenario", "weather", "frame", "agent", "qx", "qy", "qz", "qw")
 
 def apply_arrays(
     paths: CarrierPaths,
-    tx_array: PlanarArray,
-    rx_array: PlanarArray,
+    tx_array: ElementArray,
+    rx_array: ElementArray,
     carrier_hz: float,
     tx_rotation: ArrayLike | None = None,
     rx_rotation: ArrayLike | None = None,
@@ -74,7 +74,7 @@ def apply_arrays(
 
 
 def _end(
-    paths: CarrierPaths, array: PlanarArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
+    paths: CarrierPaths, array: ElementArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return element fields [P, polarizations, 2] and array phases [P, elements] of one end."""
     turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
@@ -138,7 +138,7 @@ def rotations_from_poses(poses: Any, paths: CarrierPaths, which: Literal["tx", "
 
 
 def plane_wave_error(
-    array: PlanarArray, distance_m: ArrayLike, carrier_hz: float, other: PlanarArray | None = None
+    array: ElementArray, distance_m: ArrayLike, carrier_hz: float, other: ElementArray | None = None
 ) -> np.ndarray:
     """Return the largest phase error of the plane-wave model over an array [rad], shape of `distance_m`.
 

@@ -3,8 +3,9 @@
 Angles: zenith theta from +z, azimuth phi from +x. The local frame of an antenna is the agent's frame: x forward, y
 left, z up; a vertical dipole lies along local z, and turns with the agent's full attitude.
 
-A pattern is one of the names below, a `PatternTable`, or a function of your own (see `pattern_components`). Fields are
-phasors of e^{+jwt}; a complex pattern receives by the transpose of its field, without conjugation (reciprocity).
+A pattern is a name, a `PatternTable`, or a function of your own (see `pattern_components`); `register_pattern` names
+your own ones. Fields are phasors of e^{+jwt}; a complex pattern receives by the transpose of its field, without
+conjugation (reciprocity).
 
 Source: patterns and polarization models of 3GPP TR 38.901, section 7.3, and of Sionna RT 2.2, whose amplitudes these
 equal.
@@ -15,14 +16,17 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.core.registry import Registry
 from mmw.physics.em.vectors import direction_angles, dot, rotate, spherical_basis, unrotate
 
 PatternName = Literal["iso", "dipole", "hw_dipole", "tr38901"]
+"""Patterns of mmw: `iso`; `dipole`, a short one along z of gain 1.5; `hw_dipole`, half a wavelength long; `tr38901`, a
+sector."""
 PatternFunction = Callable[[np.ndarray, np.ndarray], Any]
 PolarizationName = Literal["V", "H", "VH", "cross"]
 Polarization = PolarizationName | float | tuple[float, ...]
@@ -152,7 +156,8 @@ class PatternTable:
             raise InputError(f"{path}: {error}") from None
 
 
-Pattern = PatternName | PatternTable | PatternFunction
+Pattern = str | PatternTable | PatternFunction
+"""A name in `PATTERNS`, a table or a function."""
 
 
 def _read_csv(path: Path) -> dict[str, np.ndarray]:
@@ -200,36 +205,66 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
     return fields
 
 
-def pattern_amplitude(name: PatternName, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
-    """Return the amplitude (the square root of the gain) of an element, >= 0.
+def iso(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return the amplitude of an isotropic element, 1 in every direction."""
+    return np.ones_like(theta)
+
+
+def dipole(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return the amplitude of a short dipole along z. Source: C. A. Balanis, Antenna Theory, section 4.2."""
+    return np.sqrt(1.5) * np.abs(np.sin(theta))
+
+
+def hw_dipole(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return the amplitude of a dipole of half a wavelength along z. Source: Balanis, section 4.6."""
+    sine = np.sin(theta)
+    on_axis = np.abs(sine) < 1e-9
+    return np.where(
+        on_axis, 0.0, np.sqrt(1.643) * np.abs(np.cos(np.pi / 2 * np.cos(theta)) / np.where(on_axis, 1.0, sine))
+    )
+
+
+def tr38901(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return the amplitude of a sector that looks along x. Source: 3GPP TR 38.901, table 7.3-1."""
+    beam = np.deg2rad(65.0)
+    vertical = np.minimum(12.0 * ((theta - np.pi / 2) / beam) ** 2, 30.0)
+    horizontal = np.minimum(12.0 * (phi / beam) ** 2, 30.0)
+    return 10.0 ** ((8.0 - np.minimum(vertical + horizontal, 30.0)) / 20.0)
+
+
+PATTERNS: Registry[PatternTable | PatternFunction] = Registry(
+    "mmw.antenna_patterns",
+    "antenna pattern",
+    "collections.abc:Callable",
+    {name: f"{__name__}:{name}" for name in get_args(PatternName)},
+    check=f"{__name__}:check_pattern",
+)
+"""Patterns by name. Other packages add theirs by the entry point group `mmw.antenna_patterns`."""
+
+
+def register_pattern(name: str, pattern: PatternTable | PatternFunction) -> PatternTable | PatternFunction:
+    """Give an antenna pattern a name for this process, as in `PlanarArray(pattern=name)`, and return the pattern.
+
+    Its power is not normalized: `mmw.channel.radiated_power` tells how much it radiates.
 
     Args:
-        name: `iso`; `dipole`, a short one along z of gain 1.5; `hw_dipole`, half a wavelength long; `tr38901`, a
-            sector.
-        theta: Zenith in the antenna's frame [rad].
-        phi: Azimuth in the antenna's frame [rad].
+        name: A name that is not taken.
+        pattern: A `PatternTable` or a function (see `pattern_components`).
 
     Raises:
-        InputError: If the pattern is not known.
-
-    Source: TR 38.901 table 7.3-1 for `tr38901`; C. A. Balanis, Antenna Theory, sections 4.2 and 4.6 for the dipoles.
+        InputError: If the name is taken, or the pattern is none (see `check_pattern`).
     """
-    if name == "iso":
-        return np.ones_like(theta)
-    if name == "dipole":
-        return np.sqrt(1.5) * np.abs(np.sin(theta))
-    if name == "hw_dipole":
-        sine = np.sin(theta)
-        on_axis = np.abs(sine) < 1e-9
-        return np.where(
-            on_axis, 0.0, np.sqrt(1.643) * np.abs(np.cos(np.pi / 2 * np.cos(theta)) / np.where(on_axis, 1.0, sine))
-        )
-    if name == "tr38901":
-        beam = np.deg2rad(65.0)
-        vertical = np.minimum(12.0 * ((theta - np.pi / 2) / beam) ** 2, 30.0)
-        horizontal = np.minimum(12.0 * (phi / beam) ** 2, 30.0)
-        return 10.0 ** ((8.0 - np.minimum(vertical + horizontal, 30.0)) / 20.0)
-    raise InputError(f"pattern = {name!r}; known patterns are iso, dipole, hw_dipole, tr38901")
+    return PATTERNS.register(name, pattern)
+
+
+def check_pattern(name: str, pattern: PatternTable | PatternFunction) -> None:
+    """Evaluate a pattern over the sphere, every 5 degrees, poles included.
+
+    Raises:
+        InputError: If a value is no number, not finite, or there is not one a direction.
+    """
+    theta, phi = np.meshgrid(np.radians(np.arange(0.0, 181.0, 5.0)), np.radians(np.arange(-180.0, 180.0, 5.0)))
+    _components(name, pattern, theta.ravel(), phi.ravel())
 
 
 def polarization_components(
@@ -276,30 +311,39 @@ def pattern_components(pattern: Pattern, theta: np.ndarray, phi: np.ndarray) -> 
     """Return the field amplitudes (C_theta, C_phi) of an element that is not slanted, shape of `theta` each.
 
     Args:
-        pattern: A name; a `PatternTable`; or a function (theta, phi) -> amplitude, real or complex, of a vertical
-            element, or -> (C_theta, C_phi). A function takes and returns arrays of one shape, or numbers.
+        pattern: A name in `PATTERNS`; a `PatternTable`; or a function (theta, phi) -> amplitude, real or complex, of a
+            vertical element, or -> (C_theta, C_phi). A function takes and returns arrays of one shape, or numbers. An
+            amplitude is the square root of the gain.
         theta: Zenith in the antenna's frame [rad].
         phi: Azimuth in the antenna's frame [rad].
 
     Raises:
         InputError: If the name is not known, or a function returns another shape or a value that is not finite.
     """
-    if isinstance(pattern, str):
-        return pattern_amplitude(pattern, theta, phi), np.zeros_like(theta)
+    if not isinstance(pattern, str):
+        return _components("function", pattern, theta, phi)
+    if pattern not in PATTERNS:
+        raise InputError(f"pattern = {pattern!r}; known patterns are {', '.join(PATTERNS)}")
+    return _components(pattern, PATTERNS[pattern], theta, phi)
+
+
+def _components(
+    name: str, pattern: PatternTable | PatternFunction, theta: np.ndarray, phi: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     value = pattern(theta, phi)
     if not isinstance(value, tuple):
         value = (value, 0.0)
     if len(value) != 2:
-        raise InputError(f"pattern function: returned {len(value)} arrays; return the amplitude, or (C_theta, C_phi)")
+        raise InputError(f"pattern {name}: returned {len(value)} arrays; return the amplitude, or (C_theta, C_phi)")
     parts = [np.asarray(part) for part in value]
     for part in parts:
         if part.shape not in ((), theta.shape):
             raise InputError(
-                f"pattern function: returned shape {part.shape} for angles of shape {theta.shape}; return one value a "
+                f"pattern {name}: returned shape {part.shape} for angles of shape {theta.shape}; return one value a "
                 "direction"
             )
-        if not np.isfinite(part).all():
-            raise InputError("pattern function: returned values that are not finite; return a number in any direction")
+        if part.dtype.kind not in "fiuc" or not np.isfinite(part).all():
+            raise InputError(f"pattern {name}: returned values that are not finite; return a number in any direction")
     return np.broadcast_to(parts[0], theta.shape), np.broadcast_to(parts[1], theta.shape)
 
 

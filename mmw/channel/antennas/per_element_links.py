@@ -4,14 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.antennas.arrays import ElementArray
 from mmw.channel.links import Links
 from mmw.physics.em.vectors import rotate
 from mmw.scene.mounted_antennas import RadioDevices
 
 
 def per_element_links(
-    links: Links, tx_array: PlanarArray, rx_array: PlanarArray, carrier_hz: float
+    links: Links, tx_array: ElementArray, rx_array: ElementArray, carrier_hz: float
 ) -> tuple[Links, np.ndarray, np.ndarray, np.ndarray]:
     """Return links between all pairs of elements of two arrays, to be traced one by one.
 
@@ -26,7 +26,7 @@ def per_element_links(
 
     Returns:
         The links, L x N_r x N_t rows (transmitter elements run fastest); and for each the row of `links`, the receiver
-        element and the transmitter element, shape [L N_r N_t] each. Elements count as in `PlanarArray`, without
+        element and the transmitter element, shape [L N_r N_t] each. Elements count as in the arrays, without
         polarizations. The rotations of the ends are those of the arrays.
     """
     tx_count, rx_count = tx_array.element_count, rx_array.element_count
@@ -34,7 +34,7 @@ def per_element_links(
         index.ravel() for index in np.indices((len(links), rx_count, tx_count)).astype(np.int32)
     )
 
-    def ends(side: RadioDevices, array: PlanarArray, element: np.ndarray) -> RadioDevices:
+    def ends(side: RadioDevices, array: ElementArray, element: np.ndarray) -> RadioDevices:
         offset = array.element_positions(carrier_hz)[: array.element_count]
         moved = rotate(side.rotation[link], offset[element])
         return RadioDevices(side.position[link] + moved, side.rotation[link] @ array.rotation, side.velocity[link])

@@ -16,7 +16,7 @@ def reflection(
 
     Args:
         permittivity: Complex relative permittivity of the surface, imaginary part at most 0, shape [P]; infinite means
-            a perfect conductor, r_TE = -1 and r_TM = +1 exactly.
+            a perfect conductor, r_TE = -1 and r_TM = +1 exactly; 1 reflects exactly 0.
         cosine: Cosine of the angle between ray and normal, 0 to 1, shape [P].
         thickness: Slab thickness [m], shape [P]; 0 means a half-space.
         carrier_hz: Carrier frequency [Hz].
@@ -67,6 +67,7 @@ def _slab(
     eta = np.where(conductor, 1.0, permittivity)
     inner = np.sqrt(eta - (1.0 - cosine**2))
     inner = np.where(inner.imag > 0.0, -inner, inner)  # the wave dies out inside, also without any loss
+    inner = np.where(eta == 1.0, cosine, inner)  # vacuum reflects exactly nothing: 1 - (1 - c^2) is only close to c^2
     exponent = -2j * np.pi * thickness * carrier_hz / SPEED_OF_LIGHT * inner
     through = (thickness > 0.0) & ~(exponent.real < -OPAQUE_NEPER)
     single_trip = np.where(through, np.exp(np.where(through, exponent, 0.0)), 0.0)

@@ -14,6 +14,7 @@ from mmw.physics.em.field import PathGeometry, perpendicular
 from mmw.physics.em.fresnel import reflection
 from mmw.physics.em.vectors import dot
 from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.physics.materials.scattering_patterns import LOBES, scattered_density
 
 
 @dataclass(frozen=True)
@@ -36,13 +37,18 @@ def scattering_pattern(radio: RadioMaterial, k_in: np.ndarray, k_out: np.ndarray
     """Return the density of scattered power over the hemisphere, which integrates to 1 [1/sr], shape [B].
 
     Args:
-        radio: The material: pattern, exponents, share of the forward lobe.
+        radio: The material: pattern, exponents, share of the forward lobe. A pattern of a user has no exponents.
         k_in: Unit directions of the incoming waves, shape [B, 3].
         k_out: Unit directions of the scattered waves, shape [B, 3].
         normal: Unit normals on the side of the incoming waves, shape [B, 3].
 
+    Raises:
+        InputError: If a pattern of a user is not known in this process, or returns no densities.
+
     Source: Degli-Esposti et al. 2007, equations 5 (Lambertian), 8 to 11 (directive) and 13 (backscattering).
     """
+    if radio.scattering_pattern not in LOBES:
+        return scattered_density(radio.scattering_pattern, k_in, k_out, normal)
     cos_out = np.maximum(dot(k_out, normal), 0.0)
     if radio.scattering_pattern == "lambertian":
         return cos_out / np.pi

@@ -1,15 +1,26 @@
 """One material, described for every sensor: radio, LiDAR and image. Names and numbers come from the USD Material."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from numbers import Integral, Real
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from mmw.core.errors import InputError
 from mmw.physics.materials.appearance import GREY, Appearance
+from mmw.physics.materials.itu_rows import PERMITTIVITY, PREFIX, RADIO_ROWS
+from mmw.physics.materials.scattering_patterns import (
+    LOBES,
+    PATTERNS,
+    ScatteringFunction,
+    check_scattering_pattern,
+    function_name,
+    scattering_pattern_names,
+)
 
-ScatteringPattern = Literal["lambertian", "directive", "backscattering"]
+PermittivityFunction = Callable[[float], complex | tuple[float, float]]
+"""Frequency [Hz] -> complex relative permittivity eps_r - j sigma / (2 pi f eps_0) for e^{+jwt}, or the pair (relative
+permittivity, conductivity [S/m])."""
 
 LOBE_EXPONENTS = ("alpha_r", "alpha_i")
 """Fields of `RadioMaterial` that are exponents."""
@@ -24,7 +35,8 @@ class RadioMaterial:
     `mmw.physics.materials.permittivity`.
 
     Raises:
-        InputError: If a value is unknown, out of range or not finite.
+        InputError: If a value is unknown, out of range or not finite, or if the scattered power of a function does not
+            integrate to 1.
 
     Examples:
         >>> import mmw
@@ -34,11 +46,11 @@ class RadioMaterial:
         'foam'
     """
 
-    model: Literal["itu", "constant"]
+    model: Literal["itu", "constant", "function"]
     """`itu`: a named row of ITU-R P.2040, of P.527, or of the paper, or `itu_pec`; `constant`: the two numbers below at
-    every frequency."""
+    every frequency; `function`: `permittivity` at each frequency."""
     itu: str = ""
-    """Row name with its prefix, such as `itu_concrete`; `itu_pec` is the perfect conductor; empty for `constant`."""
+    """Row name with its prefix, such as `itu_concrete`; `itu_pec` is the perfect conductor; empty for other models."""
     relative_permittivity: float = 1.0
     """Real part of the relative permittivity, for `constant` [-]."""
     conductivity: float = 0.0
@@ -49,9 +61,11 @@ class RadioMaterial:
     """Scattering coefficient S, 0 to 1 [-]."""
     xpd: float = 0.0
     """Cross-polarisation coefficient of scattering, 0 to 1 [-]."""
-    scattering_pattern: ScatteringPattern = "lambertian"
+    scattering_pattern: str | ScatteringFunction = "lambertian"
     """Scattering pattern: `lambertian` cos theta_s around the normal; `directive` a lobe around the reflected
-    direction; `backscattering` that lobe and one back to where the wave came from."""
+    direction; `backscattering` that lobe and one back to where the wave came from; a name of
+    `register_scattering_pattern`; or a function (k_in, k_out, normal) -> density [1/sr] (see
+    `mmw.physics.materials.scattering_patterns`)."""
     alpha_r: int = 4
     """Exponent of the lobe around the reflection, 1 to `MAX_LOBE_EXPONENT` [-]; a larger one is narrower."""
     alpha_i: int = 4
@@ -60,13 +74,51 @@ class RadioMaterial:
     """Share Lambda of the lobe around the reflection in `backscattering`, 0 to 1 [-].
 
     Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
+    permittivity: PermittivityFunction | None = None
+    """Complex relative permittivity as a function of the frequency, for `function`. It is called with one carrier at a
+    time. No file holds a function: tables name the model alone."""
+    frequency_range_hz: tuple[float, float] | None = None
+    """Lowest and highest frequency at which `permittivity` holds [Hz], both included; None for any. A carrier outside
+    it is an error."""
 
     def __post_init__(self) -> None:
-        values = asdict(self)
+        if isinstance(self.frequency_range_hz, list):
+            object.__setattr__(self, "frequency_range_hz", tuple(self.frequency_range_hz))
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
         wrong = wrong_radio_value(values)
         if wrong is not None:
             name, needed = wrong
             raise InputError(f"radio material: {name} = {values[name]!r}; {needed} is needed; correct it")
+        if not isinstance(self.scattering_pattern, str):
+            check_scattering_pattern(function_name(self.scattering_pattern), self.scattering_pattern)
+
+    @classmethod
+    def absorber(cls) -> "RadioMaterial":
+        """Return a material that reflects nothing and lets nothing through: a half-space of vacuum.
+
+        Its reflection coefficients are exactly 0, so paths that it would reflect have gain 0. An edge between absorbing
+        faces still diffracts, as that of an opaque screen does.
+        """
+        return cls("constant")
+
+    @property
+    def holds_function(self) -> bool:
+        """True if the permittivity or the scattering pattern is a function, which no file can hold."""
+        return self.permittivity is not None or not isinstance(self.scattering_pattern, str)
+
+
+FILE_FIELDS = tuple(
+    field.name for field in fields(RadioMaterial) if field.name not in ("permittivity", "frequency_range_hz")
+)
+"""Fields of a `RadioMaterial` that files hold, in the order of their columns."""
+
+
+def file_values(radio: RadioMaterial) -> dict[str, Any]:
+    """Return the values that files hold of a material, by `FILE_FIELDS`; a scattering function is `function`."""
+    values = {name: getattr(radio, name) for name in FILE_FIELDS}
+    if not isinstance(radio.scattering_pattern, str):
+        values["scattering_pattern"] = "function"
+    return values
 
 
 def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
@@ -75,30 +127,57 @@ def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
     Readers of files call it before they make the material, to name the place and the key.
 
     Args:
-        values: Value of every field.
+        values: Value of every field, or of those in `FILE_FIELDS`: without a function, for which the model `function`
+            is wrong.
     """
 
     def within(name: str, low: float, high: float) -> bool:
         value = values[name]
         return isinstance(value, Real) and math.isfinite(value) and low <= float(value) <= high
 
-    is_constant, patterns = values["model"] == "constant", get_args(ScatteringPattern)
+    model, pattern, function = values["model"], values["scattering_pattern"], values.get("permittivity")
+    models = ("itu", "constant", "function") if "permittivity" in values else ("itu", "constant")
+    is_constant, is_function = model == "constant", model == "function"
+    row = values["itu"]
+    is_row = isinstance(row, str) and row.removeprefix(PREFIX) in PERMITTIVITY
+    row_needed = f"one of {', '.join(RADIO_ROWS)}" if row else "a row such as itu_concrete, for model itu,"
     is_exponent = {
         name: isinstance(values[name], Integral) and within(name, 1, MAX_LOBE_EXPONENT) for name in LOBE_EXPONENTS
     }
+    is_pattern = callable(pattern) or (isinstance(pattern, str) and (pattern in LOBES or pattern in PATTERNS))
+    patterns = "" if is_pattern else ", ".join(scattering_pattern_names())
     rules = (
-        ("model", values["model"] in ("itu", "constant"), "itu or constant"),
-        ("itu", is_constant or bool(values["itu"]), "a row such as itu_concrete, for model itu,"),
+        ("model", model in models, f"{', '.join(models[:-1])} or {models[-1]}"),
+        ("itu", model != "itu" or is_row, row_needed),
         ("relative_permittivity", not is_constant or within("relative_permittivity", 1.0, math.inf), "at least 1"),
         ("conductivity", not is_constant or within("conductivity", 0.0, math.inf), "at least 0 S/m"),
         ("thickness", within("thickness", 0.0, math.inf), "at least 0 m"),
         ("scattering", within("scattering", 0.0, 1.0), "0 to 1"),
         ("xpd", within("xpd", 0.0, 1.0), "0 to 1"),
-        ("scattering_pattern", values["scattering_pattern"] in patterns, f"one of {', '.join(patterns)}"),
+        ("scattering_pattern", is_pattern, f"one of {patterns}"),
         *((name, is_good, f"a whole number from 1 to {MAX_LOBE_EXPONENT}") for name, is_good in is_exponent.items()),
         ("lobe_share", within("lobe_share", 0.0, 1.0), "0 to 1"),
+        (
+            "permittivity",
+            callable(function) if is_function else function is None,
+            "a function of the frequency" if is_function else "model function, for a function,",
+        ),
+        (
+            "frequency_range_hz",
+            _is_range(values.get("frequency_range_hz"), is_function),
+            "(lowest, highest) above 0 Hz, for model function, or None",
+        ),
     )
     return next(((name, needed) for name, is_good, needed in rules if not is_good), None)
+
+
+def _is_range(value: Any, is_function: bool) -> bool:
+    """Return whether a value can be the frequency range of a material."""
+    if value is None:
+        return True
+    if not (is_function and isinstance(value, tuple) and len(value) == 2):
+        return False
+    return all(isinstance(end, Real) and math.isfinite(end) for end in value) and 0.0 < value[0] <= value[1]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.physics.em.fresnel import reflection
-from mmw.physics.materials.material import POROUS_BASES, Material, RadioMaterial
-from mmw.physics.materials.permittivity import PERMITTIVITY, PREFIX, relative_permittivity
+from mmw.physics.materials.material import POROUS_BASES, Material
+from mmw.physics.materials.permittivity import has_permittivity, relative_permittivity
 from mmw.physics.materials.soil import WATER_TEMPERATURE_C, water_permittivity
 from mmw.physics.weather.weather import Weather
 
@@ -113,12 +113,6 @@ def normal_reflection(material: Material, carrier_hz: float) -> complex:
     permittivity = np.array([relative_permittivity(radio, carrier_hz, material.name)])
     _, tm = reflection(permittivity, np.ones(1), np.array([radio.thickness]), carrier_hz)
     return complex(tm[0])
-
-
-def has_permittivity(radio: RadioMaterial, carrier_hz: float) -> bool:
-    """Return whether the radio channel has a permittivity of a material at a carrier [Hz]."""
-    rows = PERMITTIVITY.get(radio.itu.removeprefix(PREFIX), ())
-    return radio.model == "constant" or any(row.min_ghz <= carrier_hz / 1e9 <= row.max_ghz for row in rows)
 
 
 def takes_water(material: Material, carrier_hz: float) -> bool:

@@ -1,7 +1,7 @@
 """Check a stage by every rule."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,21 +52,18 @@ def stage_path(name: str) -> Path:
 
 
 @reads_usd
-def check_stage(
-    path: Path, material_map: Mapping[str, str] | None = None, radio_rows: Collection[str] | None = None
-) -> Report:
+def check_stage(path: Path, material_map: Mapping[str, str] | None = None) -> Report:
     """Check a town, or any other stage.
 
     Args:
         path: USD file.
         material_map: Glob of mesh prim paths -> row such as `itu_concrete`, as in a scenario.
-        radio_rows: Radio materials that exist; None to check them at the run only.
 
     Raises:
         InputError: If USD cannot read the file.
     """
     model = open_stage_model(path)
-    found = [*model.problems, *_usd_findings(model), *material_findings(model, material_map or {}, radio_rows)]
+    found = [*model.problems, *_usd_findings(model), *material_findings(model, material_map or {})]
     found += [*size_findings(model), *lane_findings(model)]
     if model.mesh.faces.size:
         connected = find_components(model)

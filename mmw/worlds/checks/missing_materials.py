@@ -1,7 +1,7 @@
 """Check that every mesh has a radio material, a visual material and a class."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 from pxr import Usd, UsdShade
 
@@ -11,9 +11,7 @@ from mmw.worlds.checks.findings import Finding
 from mmw.worlds.checks.stage_model import StageMesh, StageModel
 
 
-def material_findings(
-    model: StageModel, material_map: Mapping[str, str], radio_rows: Collection[str] | None
-) -> list[Finding]:
+def material_findings(model: StageModel, material_map: Mapping[str, str]) -> list[Finding]:
     """Return every mesh prim that lacks something; a prototype is named once, at its first use."""
     uses = Counter(part.source for part in model.parts)
     found, seen = [], set()
@@ -24,9 +22,7 @@ def material_findings(
         more = f" ({uses[part.source]} uses)" if uses[part.source] > 1 else ""
         for material in part.materials:
             bound = f"material {material.GetPath()}" if material else "no material is bound"
-            for severity, rule, text, cure in _missing_properties(
-                model.stage, part, material, material_map, radio_rows
-            ):
+            for severity, rule, text, cure in _missing_properties(model.stage, part, material, material_map):
                 found.append(Finding(severity, rule, part.path, f"{text} ({bound}){more}", cure))
         if part.label == "unlabeled":
             cure = "apply SemanticsLabelsAPI:class with a class of docs/concepts/conventions.md"
@@ -39,22 +35,17 @@ def _missing_properties(
     part: StageMesh,
     material: Usd.Prim | None,
     material_map: Mapping[str, str],
-    radio_rows: Collection[str] | None,
 ) -> list[tuple]:
     found = []
-    use = resolve_material(part.path, part.label, material, material_map)
-    if use is None:
-        cure = "author mmw:radio:* on its material, or map it: --material-map 'PATH=itu_concrete'"
-        found.append(("error", "radio_material", "no radio material", cure))
-    else:
-        try:
-            radio = read_material(stage, use).radio
-        except InputError as error:
-            found.append(("error", "radio_material", str(error), "correct the attributes"))
+    try:
+        use = resolve_material(part.path, part.label, material, material_map)
+        if use is None:
+            cure = "author mmw:radio:* on its material, or map it: --material-map 'PATH=itu_concrete'"
+            found.append(("error", "radio_material", "no radio material", cure))
         else:
-            if radio.model == "itu" and radio_rows is not None and radio.itu not in radio_rows:
-                cure = f"use one of {', '.join(radio_rows)}"
-                found.append(("error", "radio_material", f"radio material {radio.itu!r} does not exist", cure))
+            read_material(stage, use)
+    except InputError as error:
+        found.append(("error", "radio_material", str(error), "correct the material"))
     general = UsdShade.MaterialBindingAPI(part.prim).ComputeBoundMaterial()[0]
     if not any(_is_shown(shown) for shown in (UsdShade.Material(material) if material else None, general)):
         cure = "bind a material with a UsdPreviewSurface; pictures show it gray otherwise"

@@ -27,6 +27,8 @@ class ImportedMaterial:
     """GGX roughness of the picture, 0 to 1 [-]."""
     radio: RadioMaterial | None = None
     """Radio material of the source; None if it has none."""
+    unknown_row: str = ""
+    """Radio row that the source names and that does not exist: an error, unless a material map gives another one."""
     base: str = ""
     """SimReady base token, a key of `mmw.physics.materials.material.LIDAR_REFLECTANCE_905NM`; empty for that of
     the radio row."""

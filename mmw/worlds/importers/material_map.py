@@ -9,9 +9,9 @@ from mmw.config import ConfigError
 from mmw.config.material_map import MaterialEntry
 from mmw.config.yaml_file import read_yaml, validated
 from mmw.core.errors import InputError
+from mmw.physics.materials.itu_rows import RADIO_ROWS
 from mmw.physics.materials.material import RadioMaterial
-from mmw.physics.materials.permittivity import RADIO_ROWS
-from mmw.usd.material_entries import find_pattern, mapped_radio, unknown_names
+from mmw.usd.material_entries import find_pattern, mapped_radio, named_row, unknown_names
 from mmw.usd.material_library import LIBRARY
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene, library_material
 from mmw.worlds.importers.mesh_cleanup import free_name, identifier
@@ -82,16 +82,15 @@ def apply_material_map(where: str, scene: ImportedScene, entries: Mapping[str, M
                 name_of[key] = free_name(imported.name, taken | materials.keys())
                 materials[name_of[key]] = replace(imported, name=name_of[key])
             name = name_of[key]
-            if imported.radio is None:
+            if imported.radio is None and not imported.unknown_row:
                 missing.setdefault(imported.source, []).append(f"/Town/{part.path}")
         parts.append(replace(part, material=name, label=label))
     if missing:
         raise InputError(_missing(where, missing))
     for material in materials.values():
-        row = material.radio.itu if material.radio else ""
-        if row and row not in RADIO_ROWS:
+        if material.radio is None:
             raise InputError(
-                f"{where}: material {material.source or material.name!r}: the radio material {row!r} does not exist; "
+                f"{where}: material {material.source!r}: the radio material {material.unknown_row!r} does not exist; "
                 f"use one of {', '.join(sorted(RADIO_ROWS))}; correct the file, or name another with --materials"
             )
     used = {pattern for _, pattern in found}
@@ -116,15 +115,15 @@ def _imported_material(part: MeshPart, scene: ImportedScene, entry: MaterialEntr
         if not changes or (entry and entry.material):
             return None
         source = library_material(part.material)
-    radio, named = source.radio, re.search(r"itu_[a-z_]*[a-z]", source.source)
-    if radio is None and named:
-        radio = RadioMaterial("itu", itu=named[0])
+    radio, row = source.radio, source.unknown_row or named_row(source.source)
+    if radio is None and row in RADIO_ROWS:
+        radio = RadioMaterial("itu", itu=row)
     if entry:
         radio = mapped_radio(entry, radio)
     base = "" if {"radio", "relative_permittivity"} & set(changes) else source.base  # another substance
     look = {key: changes[key] for key in ("color", "roughness", "metallic", "opacity") if key in changes}
     name = source.name if source.source else identifier(entry.radio if entry and entry.radio else source.name)
-    return replace(source, name=name, radio=radio, base=base, **look)
+    return replace(source, name=name, radio=radio, unknown_row="" if radio else row, base=base, **look)
 
 
 def _missing(where: str, missing: Mapping[str, list[str]]) -> str:

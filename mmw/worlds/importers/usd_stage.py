@@ -15,7 +15,7 @@ from pxr import Kind, Usd, UsdGeom, UsdShade
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
-from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material
+from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material, unknown_row
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, place, to_metres
 from mmw.usd.open_stage import check_references, open_stage, reads_usd
 from mmw.usd.prim_values import attribute_value, decimal
@@ -89,7 +89,8 @@ class _Reader:
 
     def material_name(self, mesh_path: str, label: str, prim: Usd.Prim | None) -> str:
         """Return the name of a mesh's material, which is added if it is new."""
-        use = resolve_material(mesh_path, label, prim, {})
+        is_known = prim is None or not unknown_row(prim)  # a material map may describe it
+        use = resolve_material(mesh_path, label, prim, {}) if is_known else None
         if prim is None:
             self.materials.setdefault("no_material", ImportedMaterial("no_material", ""))
             return "no_material"

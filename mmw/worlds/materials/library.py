@@ -4,6 +4,7 @@ from pathlib import Path
 
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
+from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.usd import schema
 from mmw.usd.material_library import LAMP, LIBRARY, NONVISUAL, ROOT, MaterialSpec
@@ -29,7 +30,15 @@ def write_material(
 
     Returns:
         The material.
+
+    Raises:
+        InputError: If the permittivity or the scattering pattern is a function.
     """
+    if spec.radio.holds_function:
+        raise InputError(
+            f"{path}: its permittivity or scattering pattern is a function, which USD cannot hold; give a row or "
+            "constants, and register the scattering pattern under a name"
+        )
     schema.register()
     material = UsdShade.Material.Define(stage, path)
     prim = material.GetPrim()

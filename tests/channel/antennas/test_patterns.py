@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.channel import PatternTable
-from mmw.channel.antennas.patterns import antenna_field, pattern_amplitude, pattern_components
+from mmw.channel import PatternTable, PlanarArray, apply_arrays, register_pattern
+from mmw.channel.antennas.patterns import PATTERNS, antenna_field, pattern_components, tr38901
 from mmw.physics.em.vectors import unit_vector
-from tests.fixtures.path_tables import random_turns
+from tests.fixtures.path_tables import CARRIER, random_turns, sight
 
 
 def directions(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -160,7 +160,7 @@ def test_slants(model: str) -> None:
     np.testing.assert_array_equal(named, antenna_field(away, turns, "tr38901", (-np.pi / 4, np.pi / 4), model))
     field = antenna_field(away, turns, "tr38901", (0.2, 1.0, -2.0), model)
     assert field.shape == (60, 3, 2)
-    power = pattern_amplitude("tr38901", theta, phi) ** 2
+    power = tr38901(theta, phi) ** 2
     np.testing.assert_allclose(np.sum(field**2, axis=2), np.repeat(power[:, None], 3, axis=1), rtol=1e-9)
     np.testing.assert_array_equal(field[:, 1:2], antenna_field(away, turns, "tr38901", 1.0, model))
     if model == "tr38901_2":
@@ -170,4 +170,57 @@ def test_slants(model: str) -> None:
     with pytest.raises(ValueError, match="finite"):
         antenna_field(away, turns, "iso", (np.inf,), model)
     with pytest.raises(ValueError, match="'horn'; known patterns are iso"):
-        pattern_amplitude("horn", theta, phi)
+        pattern_components("horn", theta, phi)
+
+
+@pytest.fixture
+def registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget the names that a test registers."""
+    monkeypatch.setattr(PATTERNS, "_added", {})
+
+
+def own_dipole(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    return np.sqrt(1.5) * np.abs(np.sin(theta))
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize(("pattern", "atol"), [(own_dipole, 0.0), (dipole_table(0.25), 6e-6)])
+def test_a_registered_pattern_is_that_of_mmw_it_repeats(pattern: PatternTable, atol: float) -> None:
+    """In arrays, with any polarization: bit for bit as a function, to its grid as a table."""
+    assert register_pattern("mine", pattern) is pattern
+    rng = np.random.default_rng(8)
+    paths = sight(rng.normal(0, 5, (20, 3)), rng.normal(0, 50, (20, 3)))
+    turns = [random_turns(rng, 20) for _ in range(2)]
+    for options in ({"polarization": "cross"}, {"polarization": "H", "polarization_model": "tr38901_1"}):
+        own, given = (PlanarArray(2, 3, pattern=name, **options) for name in ("mine", "dipole"))
+        a, b = (apply_arrays(paths, array, array, CARRIER, *turns) for array in (own, given))
+        np.testing.assert_allclose(a, b, rtol=0.0, atol=atol * np.abs(paths.transfer).max())
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize(
+    ("name", "pattern", "message"),
+    [
+        ("dipole", own_dipole, "antenna pattern 'dipole': is registered by mmw already; choose another name"),
+        ("taken", own_dipole, r"'taken': is registered by register\(\) already"),
+        ("mine", "dipole", "is a str; a Callable is needed"),
+        ("mine", lambda theta, phi: theta / 0.0 * 0.0, "pattern mine: returned values that are not finite"),
+        ("mine", lambda theta, phi: theta[:3], r"pattern mine: returned shape \(3,\) for angles of shape \(\d+,\)"),
+        ("mine", lambda theta, phi: (theta, theta, theta), "pattern mine: returned 3 arrays"),
+        ("mine", lambda theta, phi: None, "pattern mine: returned values that are not finite; return a number"),
+        ("mine", lambda theta, phi: np.full(theta.shape, "1"), "return a number in any direction"),
+        ("mine", lambda theta, phi: np.where(theta == 0.0, np.inf, 1.0), "not finite"),
+    ],
+)
+def test_patterns_that_cannot_be_registered(name: str, pattern: PatternTable, message: str) -> None:
+    register_pattern("taken", own_dipole)
+    with np.errstate(all="ignore"), pytest.raises(ValueError, match=message):
+        register_pattern(name, pattern)
+    assert "mine" not in PATTERNS
+
+
+@pytest.mark.usefixtures("registered")
+def test_unknown_names_list_those_of_mmw_and_of_users() -> None:
+    register_pattern("mine", own_dipole)
+    with pytest.raises(ValueError, match="'other'; one of iso, dipole, hw_dipole, tr38901, mine, a table or"):
+        PlanarArray(pattern="other")

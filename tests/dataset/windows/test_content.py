@@ -3,6 +3,7 @@
 import itertools
 import pickle
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pyarrow.dataset as pds
@@ -10,6 +11,8 @@ import pyarrow.fs as pafs
 import pytest
 
 import mmw
+from mmw.channel import register_pattern, ula
+from mmw.channel.antennas.patterns import PATTERNS
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import BeamSearch
 from mmw.dataset.windows import Feature, Windows, WindowSpec, make_batch, open_windows, stream_batches, stream_order
@@ -169,6 +172,17 @@ def test_beams_are_those_of_the_sql_view_and_are_cached(tmp_path, monkeypatch) -
     with pytest.raises(AssertionError, match="searched again"):
         other = Feature("beams", carrier_hz=28e9, search=BeamSearch(tx_beams=32))
         open_windows(small_dataset(), WindowSpec([other], past=1), cache=tmp_path)
+
+
+def test_beams_of_own_patterns_are_not_cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A registered name may be another pattern in the next run, and a function has no content to compare."""
+    monkeypatch.setattr(PATTERNS, "_added", {})
+    register_pattern("mine", lambda theta, phi: np.sin(theta))
+    for pattern in ("mine", lambda theta, phi: np.sin(theta)):
+        feature = Feature("beams", carrier_hz=28e9, search=BeamSearch(tx_array=ula(64, pattern=pattern)))
+        with pytest.raises(ValueError, match="a table, a function or registered cannot be stored in `cache`"):
+            open_windows(small_dataset(), WindowSpec([feature], past=1), cache=tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_samples_are_the_callers_own(windows: Windows) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pxr import Gf, Sdf, Usd, UsdGeom
+from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from mmw.__main__ import main
 from mmw.traffic.roads.lane_graph import Lane
@@ -94,6 +94,17 @@ def damage_material(stage: Usd.Stage) -> None:
     prim.CreateAttribute("mmw:radio:scattering", Sdf.ValueTypeNames.Float).Set(3.0)
 
 
+def unknown_row(stage: Usd.Stage) -> None:
+    prim = stage.GetPrimAtPath("/World/Materials/building")
+    prim.CreateAttribute("mmw:radio:model", Sdf.ValueTypeNames.Token).Set("itu")
+    prim.CreateAttribute("mmw:radio:itu", Sdf.ValueTypeNames.Token).Set("itu_cheese")
+
+
+def unknown_name(stage: Usd.Stage) -> None:
+    material = UsdShade.Material.Define(stage, "/World/Materials/itu_cheese")
+    UsdShade.MaterialBindingAPI.Apply(stage.GetPrimAtPath("/World/House")).Bind(material)
+
+
 def add_broken_mesh(stage: Usd.Stage) -> None:
     bad = add_thing(stage, "/World/Bad", np.array([[9, 0, 1], [9, 1, 1], [9, 0, 2]]), np.array([[0, 1, 2]]), "building")
     UsdGeom.Mesh(bad).GetPointsAttr().Set([(9, 0, 1), (9, 1, 1), (float("nan"), 0, 2)])
@@ -127,6 +138,8 @@ TURNED = block("Turned", (4, 4, 6), (14, 0, 2.0), turned=True)
     ("spoil", "rule", "severity", "path", "text"),
     [
         (damage_material, "radio_material", "error", "/World/House", "scattering = 3"),
+        (unknown_row, "radio_material", "error", "/World/House", "mmw:radio:itu = 'itu_cheese'; one of itu_vacuum, "),
+        (unknown_name, "radio_material", "error", "/World/House", "radio material 'itu_cheese' of its name does not"),
         (add_broken_mesh, "mesh", "error", "/World/Bad", "not finite"),
         (DECAL, "coplanar", "error", "/World/Road and /World/Decal", "4.000 m2"),
         (ROOF, "coplanar", "error", "/World/Roof", "6.000 m2"),

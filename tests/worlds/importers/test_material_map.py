@@ -121,10 +121,19 @@ def test_everything_without_radio_material_is_listed_with_a_map_to_paste(tmp_pat
     }  # fmt: skip
 
 
-def test_a_row_that_does_not_exist() -> None:
-    source = world(("Model/a", "m"), m=ImportedMaterial("m", "m", radio=RadioMaterial("itu", itu="itu_cheese")))
-    with pytest.raises(ValueError, match="'itu_cheese' does not exist; use one of itu_asphalt_concrete, itu_brick"):
-        apply_material_map("file", source, {})
+@pytest.mark.parametrize(
+    "material", [ImportedMaterial("m", "m", unknown_row="itu_cheese"), ImportedMaterial("m", "mat-itu_cheese.001")]
+)
+def test_a_row_that_does_not_exist_needs_an_entry_of_the_map(material: ImportedMaterial) -> None:
+    source = world(("Model/a", "m"), m=material)
+    message = "'itu_cheese' does not exist; use one of itu_asphalt_concrete, itu_brick"
+    for bare in ({}, entries('{"*": {thickness: 0.1}}')):
+        with pytest.raises(ValueError, match=message):
+            apply_material_map("file", source, bare)
+    found = apply_material_map("file", source, entries('{"*": {radio: itu_brick, thickness: 0.1}}'))
+    assert [found.materials[part.material].radio for part in found.parts] == [
+        RadioMaterial("itu", itu="itu_brick", thickness=0.1)
+    ]
 
 
 def test_an_entry_may_be_only_a_name(tmp_path: Path) -> None:

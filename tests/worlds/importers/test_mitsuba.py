@@ -55,6 +55,20 @@ def test_a_radio_material_with_numbers(tmp_path: Path) -> None:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '<bsdf type="itu-radio-material" id="x"><string name="type" value="cheese"/></bsdf>',
+        '<bsdf type="diffuse" id="mat-itu_cheese"/>',
+    ],
+)
+def test_a_row_that_does_not_exist_is_left_to_the_map(tmp_path: Path, text: str) -> None:
+    name = "x" if 'id="x"' in text else "mat-itu_cheese"
+    world = scene(tmp_path, f'{text}<shape type="cube"><ref id="{name}"/></shape>')
+    material = world.materials[world.parts[0].material]
+    assert (material.radio, material.unknown_row) == (None, "itu_cheese")
+
+
 def test_looks_of_plain_materials(tmp_path: Path) -> None:
     body = """<bsdf type="principled" id="p"><rgb name="base_color" value="#ff8000"/>
       <float name="roughness" value="0.2"/></bsdf>

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from pxr import Gf, Kind, Sdf, Usd, UsdGeom, UsdShade
 
+from mmw.config.material_map import MaterialEntry
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.lane_prims import write_lanes
 from mmw.worlds.importers.imported_scene import ImportedScene
+from mmw.worlds.importers.material_map import apply_material_map
 from mmw.worlds.importers.mesh_cleanup import bounds
 from mmw.worlds.importers.usd_stage import read_usd
 from tests.fixtures.import_files import HIGH, HOUSE_HIGH, HOUSE_LOW, LOW, write_stage
@@ -141,6 +143,16 @@ def test_what_a_stage_says_about_looks_and_what_is_left_out(stage: Usd.Stage) ->
         "1 prims move; they stay where they are at the start (to keep motion, use `stage:`)",
         "textures are not kept, these materials have a plain color: plain",
     )
+
+
+def test_a_name_that_holds_no_row_is_left_to_the_map(stage: Usd.Stage) -> None:
+    bind(add_box(stage, "/World/crate", (1, 1, 1), (30, 0, 1)).GetPrim(), add_material(stage, "/World/m_itu_cheese"))
+    world = read(stage)
+    assert world.materials[part_at(world.parts, "World/crate").material].radio is None
+    with pytest.raises(ValueError, match="material 'm_itu_cheese': the radio material 'itu_cheese' does not exist"):
+        apply_material_map("file", world, {"/World/ground": MaterialEntry(radio="itu_brick")})
+    found = apply_material_map("file", world, {"*": MaterialEntry(radio="itu_brick")})
+    assert all(material.radio and material.radio.itu == "itu_brick" for material in found.materials.values())
 
 
 def test_lanes_come_along_in_metres(tmp_path: Path) -> None:

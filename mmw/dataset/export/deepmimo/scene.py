@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from mmw.core.constants import VACUUM_PERMITTIVITY
+from mmw.core.errors import InputError
 from mmw.core.transforms import transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import Part
@@ -44,9 +45,18 @@ SCATTERING = {"lambertian": "lambertian", "directive": "directive", "backscatter
 
 
 def material_list(dataset: Dataset, part: Part, carrier_hz: float) -> dict[str, dict[str, Any]]:
-    """Return DeepMIMO's materials of a scenario in one weather, permittivity and conductivity at the carrier."""
+    """Return DeepMIMO's materials of a scenario in one weather, permittivity and conductivity at the carrier.
+
+    Raises:
+        InputError: If a permittivity is a function, or a scattering pattern none of mmw: the dataset has their names.
+    """
     result = {}
     for row in dataset.read("materials", scenario=part.scenario, weather=part.weather).to_pylist():
+        if row["model"] == "function" or (row["scattering"] and row["scattering_pattern"] not in SCATTERING):
+            raise InputError(
+                f"material {row['name']!r}: model {row['model']}, scattering pattern {row['scattering_pattern']}; "
+                "DeepMIMO needs numbers, and a dataset holds no functions; export scenarios without such materials"
+            )
         radio = RadioMaterial(
             model=row["model"],
             itu=row["itu"] or "",

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,8 @@ import trimesh
 from trimesh.exchange.ply import load_ply
 
 from mmw.core.errors import InputError
-from mmw.physics.materials.material import LOBE_EXPONENTS, RadioMaterial, wrong_radio_value
+from mmw.physics.materials.itu_rows import RADIO_ROWS
+from mmw.physics.materials.material import LOBE_EXPONENTS, RadioMaterial, file_values, wrong_radio_value
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.mesh_cleanup import Y_UP, MeshCollector, PrimNames, identifier, transformed
 from mmw.worlds.importers.mitsuba import values
@@ -172,15 +173,15 @@ def _material(node: XmlNode, name: str, source: str) -> ImportedMaterial:
         opacity=values.number(node, "opacity", 1.0),
         metallic=values.number(inner, "metallic", 1.0 if is_metal else 0.0),
         roughness=values.number(inner, "roughness", roughness),
-        radio=_radio(node, source),
+        **_radio(node, source),
     )
 
 
-def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
-    """Return the radio material of a material; None for a visual one."""
+def _radio(node: XmlNode, source: str) -> dict[str, Any]:
+    """Return the radio material of a material, or its row that does not exist; nothing for a visual one."""
     named = re.match(r"(?:mat-)?itu[-_]([A-Za-z_]*[A-Za-z])", source)
     kind = node.get("type")
-    fields: dict[str, Any] = {**asdict(RadioMaterial("constant")), "thickness": DEFAULT_THICKNESS_M}
+    fields: dict[str, Any] = {**file_values(RadioMaterial("constant")), "thickness": DEFAULT_THICKNESS_M}
     numbers = [name for name, default in fields.items() if not isinstance(default, str)]
     if kind == "itu-radio-material" or named:
         row = values.text(node, "type") or (named[1] if named else "")
@@ -188,8 +189,10 @@ def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
             raise InputError(f"{node.where}: the material {source!r} has no <string name='type'>; add a row of P.2040")
         fields |= {"model": "itu", "itu": f"itu_{row}"}
         numbers = [name for name in numbers if name not in ("relative_permittivity", "conductivity")]
+        if fields["itu"] not in RADIO_ROWS:
+            return {"unknown_row": fields["itu"]}
     elif kind != "radio-material":
-        return None
+        return {}
     fields |= {name: values.number(node, XML_NAMES.get(name, name), fields[name]) for name in numbers}
     fields |= {name: int(fields[name]) for name in LOBE_EXPONENTS if fields[name] == int(fields[name])}
     fields["scattering_pattern"] = values.text(node, "scattering_pattern", "lambertian")
@@ -199,7 +202,7 @@ def _radio(node: XmlNode, source: str) -> RadioMaterial | None:
         raise InputError(
             f"{node.where}: {XML_NAMES.get(name, name)} = {fields[name]!r}; {needed} is needed; correct the value"
         )
-    return RadioMaterial(**fields)
+    return {"radio": RadioMaterial(**fields)}
 
 
 def _load(node: XmlNode, folder: Path) -> Mesh:
