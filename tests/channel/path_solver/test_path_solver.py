@@ -340,7 +340,7 @@ def test_tables_and_tensors_of_paths() -> None:
 
 
 def test_impulse_responses_of_a_fixed_number_of_paths() -> None:
-    """What Sionna PHY's CIRDataset reads: equal shapes, the strongest paths, padding of gain 0 and delay -1."""
+    """Give Sionna PHY's CIRDataset equal shapes, the strongest paths, padding of gain 0 and delay -1."""
     scene = two_by_two(street())
     solver = mmw.PathSolver(max_depth=1, candidates="exhaustive")
     a, tau = solver(scene).cir(num_paths=50)
