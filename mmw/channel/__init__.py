@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mmw.channel.antennas.directivity import pattern_directivity, radiated_power
     from mmw.channel.antennas.patterns import PatternTable, register_pattern
     from mmw.channel.antennas.per_element_links import per_element_links
+    from mmw.channel.cir_generator import CirGenerator
     from mmw.channel.codebook import beam_gains, best_beams, dft_codebook, normalized_gain
     from mmw.channel.path_solver.path_solver import PathSolver
     from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, rows_from_paths
@@ -28,6 +29,7 @@ _HOME = {
     "antennas.directivity": ("pattern_directivity", "radiated_power"),
     "antennas.patterns": ("PatternTable", "register_pattern"),
     "antennas.per_element_links": ("per_element_links",),
+    "cir_generator": ("CirGenerator",),
     "codebook": ("beam_gains", "best_beams", "dft_codebook", "normalized_gain"),
     "path_solver.path_solver": ("PathSolver",),
     "path_table": ("LINK_COLUMNS", "PATH_COLUMNS", "CarrierPaths", "rows_from_paths"),
@@ -43,12 +45,12 @@ _HOME = {
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [
-    "LINK_COLUMNS", "PATH_COLUMNS", "AntennaArray", "CarrierPaths", "MeasurementSurface", "PathSolver", "PathTracks",
-    "Paths", "PatternTable", "PlanarArray", "RadioMap", "RadioMapSolver", "apply_arrays", "beam_gains", "best_beams",
-    "complex_gain", "dft_codebook", "frequency_response", "impulse_response", "mesh_surface", "normalized_gain",
-    "pattern_directivity", "per_element_links", "plane_grid", "plane_wave_error", "radiated_power",
-    "register_pattern", "road_grid", "rotations_from_poses", "rows_from_paths", "subcarrier_frequencies", "taps",
-    "tracks_from_paths", "tracks_from_table", "ula", "upa",
+    "LINK_COLUMNS", "PATH_COLUMNS", "AntennaArray", "CarrierPaths", "CirGenerator", "MeasurementSurface",
+    "PathSolver", "PathTracks", "Paths", "PatternTable", "PlanarArray", "RadioMap", "RadioMapSolver", "apply_arrays",
+    "beam_gains", "best_beams", "complex_gain", "dft_codebook", "frequency_response", "impulse_response",
+    "mesh_surface", "normalized_gain", "pattern_directivity", "per_element_links", "plane_grid", "plane_wave_error",
+    "radiated_power", "register_pattern", "road_grid", "rotations_from_poses", "rows_from_paths",
+    "subcarrier_frequencies", "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
 ]  # fmt: skip
 
 

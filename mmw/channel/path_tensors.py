@@ -166,6 +166,20 @@ def impulse_response(
     return _to_tensor(paths, gains), _to_tensor(paths, spread)
 
 
+def with_paths(a: np.ndarray, tau: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return gains and delays, see `Paths.cir`, with `count` paths: cut, or padded by gain 0 and delay -1.
+
+    Raises:
+        InputError: If the count is below 1.
+    """
+    if count < 1:
+        raise InputError(f"num_paths = {count}; at least 1 is needed; correct it")
+    short = max(count - tau.shape[-1], 0)
+    a = np.pad(a, [(0, 0)] * 4 + [(0, short), (0, 0)])
+    tau = np.pad(tau, [(0, 0)] * (tau.ndim - 1) + [(0, short)], constant_values=-1.0)
+    return a[..., :count, :], tau[..., :count]
+
+
 def frequency_response(
     paths: "Paths", column: int, frequencies: np.ndarray, times: np.ndarray, normalize_delays: bool, normalize: bool
 ) -> np.ndarray:

@@ -19,11 +19,13 @@ from mmw.channel.path_table import CarrierPaths
 from mmw.channel.paths import LOSSES, PATH_KINDS, PathSet
 from mmw.channel.rows import path_rows
 from mmw.core.errors import InputError
+from mmw.core.extras import needed_by
 from mmw.core.registry import load_reference
 from mmw.storage.arrow_tables import sort_rows, unsorted_table
 from mmw.storage.schemas import table_spec
 
 if TYPE_CHECKING:
+    import pandas as pd
     import torch
 
 CYCLIC_PREFIX = 1.0 / 14.0
@@ -138,6 +140,7 @@ class Paths(PathArrays):
         carrier_hz: float | None = None,
         num_time_steps: int = 1,
         sampling_frequency: float = 1.0,
+        num_paths: int | None = None,
         normalize_delays: bool = False,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the channel impulse response: complex gains with the carrier phase, and delays.
@@ -146,6 +149,7 @@ class Paths(PathArrays):
             carrier_hz: Carrier [Hz]; None for the only one.
             num_time_steps: Instants, 1 / `sampling_frequency` apart, over which phases turn by the Doppler shifts.
             sampling_frequency: Rate of the instants [Hz].
+            num_paths: Paths of each pair in the result: the first ones, or all and padding. None is the most of any.
             normalize_delays: Count delays from the first path of each pair; Sionna RT does by default, mmw does not.
 
         Returns:
@@ -167,7 +171,8 @@ class Paths(PathArrays):
             ((1, 1, 1, 1), True)
         """
         times = tensors.instants(num_time_steps, sampling_frequency)
-        return tensors.impulse_response(self, self._column(carrier_hz), times, normalize_delays)
+        a, tau = tensors.impulse_response(self, self._column(carrier_hz), times, normalize_delays)
+        return (a, tau) if num_paths is None else tensors.with_paths(a, tau, num_paths)
 
     def cfr(
         self,
@@ -325,6 +330,32 @@ class Paths(PathArrays):
         key = {"scenario": self.scenario, "weather": self.weather}
         return sort_rows(table_spec("paths"), unsorted_table("paths", {**key, **columns}))
 
+    def to_pandas(self) -> "pd.DataFrame":
+        """Return a table of the paths in their order, one row a path and carrier, with the numbers that people read.
+
+        Columns: rx, tx, carrier_hz, kind, depth, delay_s, gain_db, doppler_hz and the angles theta_t, phi_t, theta_r,
+        phi_r [rad]. `to_table` has everything.
+
+        Raises:
+            InputError: If pandas is not installed.
+        """
+        with needed_by("Paths.to_pandas"):
+            import pandas as pd
+        count, carriers = len(self), len(self.carriers_hz)
+        row = np.repeat(np.arange(count), carriers)
+        columns = {
+            "rx": np.array(self.rx_names, dtype=object)[self.rx[row]],
+            "tx": np.array(self.tx_names, dtype=object)[self.tx[row]],
+            "carrier_hz": np.tile(self.carriers_hz, count),
+            "kind": self.kind[row],
+            "depth": self.depth[row],
+            "delay_s": self.tau[row],
+            "gain_db": self.gain_db.ravel(),
+            "doppler_hz": self.doppler_hz.ravel(),
+            **{name: getattr(self, name)[row] for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
+        }
+        return pd.DataFrame(columns)
+
     def _path_set(self, link: np.ndarray) -> PathSet:
         count = len(self.receivers) * len(self.transmitters)
         return PathSet(
@@ -342,7 +373,9 @@ class Paths(PathArrays):
         Raises:
             InputError: If PyTorch is not installed.
         """
-        return load_reference("mmw.torch.data:tensors_of")({name: getattr(self, name) for name in PATH_FIELDS})
+        with needed_by("Paths.torch"):
+            import torch
+        return {name: torch.from_numpy(np.ascontiguousarray(getattr(self, name))) for name in PATH_FIELDS}
 
     def plot(self, **options: Any) -> Any:
         """Draw the paths and return the figure; see `mmw.viz.scene_view.path_plots.plot_paths` for the options."""

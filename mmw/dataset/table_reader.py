@@ -44,7 +44,7 @@ class MemoryTables:
     """Tables in memory, read like those of a `Dataset`."""
 
     root: str
-    """What they are, for messages."""
+    """Name of them in messages."""
     held: Mapping[str, pa.Table]
     """Table name -> rows, sorted by the table's key."""
 

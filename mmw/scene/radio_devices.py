@@ -34,6 +34,7 @@ class RadioDevice:
         velocity: ArrayLike = AT_ORIGIN,
         array: "PlanarArray | None" = None,
         actor: str | None = None,
+        look_at: ArrayLike | None = None,
     ):
         """Describe a device.
 
@@ -44,6 +45,7 @@ class RadioDevice:
             velocity: Velocity in the world [m/s], shape [3]; beside that of the actor, if there is one.
             array: Antenna array; None uses `tx_array` or `rx_array` of the scene.
             actor: Name of the actor that carries the device; None for the world.
+            look_at: Point that the x axis of the device looks at [m], shape [3], instead of `orientation`.
 
         Raises:
             InputError: If the name is empty, or a value is not finite or has another shape.
@@ -56,6 +58,8 @@ class RadioDevice:
         self.velocity = velocity
         self.array = array
         self.actor = actor
+        if look_at is not None:
+            self.look_at(look_at)
 
     def __repr__(self) -> str:
         carrier = f", actor={self.actor!r}" if self.actor else ""
@@ -143,6 +147,7 @@ class Transmitter(RadioDevice):
         power_dbm: float = 44.0,
         array: "PlanarArray | None" = None,
         actor: str | None = None,
+        look_at: ArrayLike | None = None,
     ):
         """Describe a transmitter.
 
@@ -154,11 +159,14 @@ class Transmitter(RadioDevice):
             power_dbm: Transmit power [dBm], for radio maps. Source of the default: Sionna RT 2.2.
             array: Antenna array; None uses `tx_array` of the scene.
             actor: Name of the actor that carries the device; None for the world.
+            look_at: Point that the x axis of the device looks at [m], shape [3], instead of `orientation`.
 
         Raises:
             InputError: If the name is empty, or a value is not finite or has another shape.
         """
-        super().__init__(name, position, orientation=orientation, velocity=velocity, array=array, actor=actor)
+        super().__init__(
+            name, position, orientation=orientation, velocity=velocity, array=array, actor=actor, look_at=look_at
+        )
         self.power_dbm = power_dbm
 
     @property

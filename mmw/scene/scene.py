@@ -307,7 +307,7 @@ class Scene:
 
     @property
     def cache(self) -> dict[Any, Any]:
-        """What sensors keep between captures; emptied when a mesh changes."""
+        """Values that sensors keep between captures; emptied when a mesh changes."""
         return self._state.cache
 
     @property

@@ -81,7 +81,11 @@ API = {
     page.stem: re.findall(r"^::: (\S+)$", page.read_text(), re.M)
     for page in sorted((DOCS / "reference/api").glob("*.md"))
 }
-"""Page of the reference -> public modules on it."""
+"""Page of the reference -> public modules on it, and functions that are methods elsewhere."""
+
+METHODS = ["mmw.viz.scene_view.show.show", "mmw.viz.scene_view.picture.render_picture",
+           "mmw.viz.scene_view.path_plots.plot_paths"]  # fmt: skip
+"""Functions that `Scene.show`, `Scene.render` and `Paths.plot` are."""
 
 
 def exported(module: str) -> list[str]:
@@ -105,7 +109,9 @@ def text_below(html: str, name: str) -> str:
 def test_every_public_name_is_documented(page: str, site: Path) -> None:
     html = (site / "reference" / "api" / f"{page}.html").read_text()
     assert API[page]
-    for module in API[page]:
+    for name in set(API[page]) & set(METHODS):
+        assert len(text_below(html, name).split()) >= 3, name
+    for module in set(API[page]) - set(METHODS):
         assert exported(module)
         for name in exported(module):
             assert len(text_below(html, f"{module}.{name}").split()) >= 3, f"{module}.{name}"
@@ -121,9 +127,9 @@ def test_the_reference_names_nothing_private(pages: dict[str, HtmlPage]) -> None
 
 
 def test_public_modules_are_on_one_page() -> None:
-    """Modules with `__all__` are public; packages that only gather names of one command are not for users."""
+    """Modules with `__all__` are public, but for the one whose functions are methods."""
     modules = [module for page in API.values() for module in page]
-    assert len(modules) == len(set(modules)) >= 9
+    assert len(modules) == len(set(modules)) and set(METHODS) < set(modules)
     files = {path for path in (ROOT / "mmw").rglob("*.py") if re.search(r"^__all__ = ", path.read_text(), re.M)}
     names = {".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for path in files}
-    assert names == set(modules)
+    assert names - {"mmw.viz.scene_view"} == set(modules) - set(METHODS)

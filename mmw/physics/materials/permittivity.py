@@ -23,6 +23,11 @@ def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str 
             permittivity of a passive material.
 
     Source: ITU-R P.2040-4, equations 9, 28 and 29; ITU-R P.527-6 for soils and water.
+
+    Examples:
+        >>> concrete = RadioMaterial("itu", itu="itu_concrete")
+        >>> [f"{relative_permittivity(concrete, carrier):.2f}" for carrier in (3.5e9, 28e9)]
+        ['5.24-0.63j', '5.24-0.40j']
     """
     if radio.permittivity is not None:
         return _of_function(radio.permittivity, radio.frequency_range_hz, carrier_hz, used_by)

@@ -206,8 +206,8 @@ def open_window(stream: rr.RecordingStream, log: Callable[[rr.RecordingStream, C
             errors.seek(0)
             said = errors.read().decode(errors="replace").strip().splitlines() or ["it wrote nothing"]
             raise InputError(
-                f"show: Rerun's window ended with code {viewer.process.returncode}: {said[-1]}; give "
-                "save='scene.rrd', or renderer='matplotlib'"
+                f"show: Rerun's window ended with code {viewer.process.returncode}: {said[-1]}; give save='scene.rrd', "
+                "or renderer='matplotlib'"
             ) from error
         except BaseException:
             viewer.close()

@@ -48,7 +48,7 @@ class SceneContent:
     coverage_colors: np.ndarray
     """Color of each of these triangles, shape [N, 3], uint8."""
     notes: tuple[str, ...]
-    """What is left out, one line each."""
+    """Notes on parts that are left out, one line each."""
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:

@@ -321,9 +321,43 @@ def test_rotated_devices_turn_their_patterns() -> None:
     scene.add(mmw.Receiver("r", (0, 100, 0), array=mmw.PlanarArray(pattern="iso")))
     away = np.abs(lines_of_sight(scene).a[0, 0])
     scene.transmitters["t"].look_at((0, 100, 0))
+    made = mmw.Transmitter("u", (0, 0, 0), look_at=(0, 100, 0))
+    assert (made.orientation == scene.transmitters["t"].orientation).all()
     toward = np.abs(lines_of_sight(scene).a[0, 0])
     assert 20 * np.log10(toward / away) == pytest.approx(12 * (90 / 65) ** 2, rel=1e-6)  # TR 38.901, table 7.3-1
     np.testing.assert_allclose(quaternion_to_matrix(scene.transmitters["t"].orientation)[:, 0], (0, 1, 0), atol=1e-12)
+
+
+def test_tables_and_tensors_of_paths() -> None:
+    scene = two_by_two(street())
+    paths = mmw.PathSolver(max_depth=1, candidates="exhaustive")(scene, carriers_hz=CARRIERS).sort_by_gain(28e9)
+    table = paths.to_pandas()
+    assert len(table) == 2 * len(paths) and (table["gain_db"].to_numpy()[::2] == paths.gain_db[:, 0]).all()
+    assert table["rx"].tolist()[::2] == [paths.rx_names[k] for k in paths.rx] and set(table["kind"]) == set(paths.kind)
+    torch = pytest.importorskip("torch")
+    tensors = paths.torch()
+    assert tensors["a"].dtype == torch.complex128 and tensors["a"].data_ptr() == paths.a.ctypes.data
+
+
+def test_impulse_responses_of_a_fixed_number_of_paths() -> None:
+    """Give Sionna PHY's CIRDataset equal shapes, the strongest paths, padding of gain 0 and delay -1."""
+    scene = two_by_two(street())
+    solver = mmw.PathSolver(max_depth=1, candidates="exhaustive")
+    a, tau = solver(scene).cir(num_paths=50)
+    assert a.shape[4] == tau.shape[2] == 50 and (tau[..., 20:] == -1).all() and (a[:, :, :, :, 20:] == 0).all()
+    generator = mmw.channel.CirGenerator(lambda: (solver(scene) for _ in range(3)), num_paths=2)
+    assert generator.shape == (3, 2, 2, 12, 2, 1)
+    found = list(generator())
+    assert len(found) == 3 and all(a.dtype == np.complex64 and tau.shape == (3, 2, 2) for a, tau in found)
+    paths = solver(scene)
+    for r, t in np.ndindex(3, 2):
+        own = (paths.rx == r) & (paths.tx == t)
+        strongest = paths.tau[own][np.argmax(np.abs(paths.a[own, 0]))] - paths.tau[own].min()
+        assert found[0][1][r, t, 0] == np.float32(strongest)
+    with pytest.raises(InputError, match="`samples` gave no paths"):
+        list(mmw.channel.CirGenerator(list, num_paths=2)())
+    with pytest.raises(InputError, match="num_paths = 0"):
+        mmw.channel.CirGenerator(list, num_paths=0)
 
 
 @pytest.mark.slow
