@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
-from mmw.core.transforms import normalize
+from mmw.scene.radio_devices import finite_vector, unit_quaternion
 from mmw.scene.scene import Scene
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.rgb.config import RgbCamera
@@ -133,17 +133,10 @@ def _view_pose(eye: ArrayLike | None, look_at: ArrayLike | None, pose: ArrayLike
         raise InputError(
             f"render: {' and '.join(names) or 'no view'} given; eye and look_at, or pose, are needed; give one of them"
         )
-    for name, value, count in (("eye", eye, 3), ("look_at", look_at, 3), ("pose", pose, 7)):
-        if value is not None:
-            array = np.asarray(value, dtype=np.float64)
-            if array.shape != (count,) or not np.isfinite(array).all():
-                raise InputError(f"render: {name} = {array.tolist()}; {count} finite numbers are needed; correct it")
-    if pose is None:
-        return look_pose(np.asarray(eye, dtype=np.float64), np.asarray(look_at, dtype=np.float64))
-    place = np.asarray(pose, dtype=np.float64)
-    if not place[3:].any():
-        raise InputError("render: pose has the rotation (0, 0, 0, 0); a quaternion is needed; give (0, 0, 0, 1)")
-    return np.concatenate([place[:3], normalize(place[3:])])
+    if pose is not None:
+        place = finite_vector("render: pose", pose, 7)
+        return np.concatenate([place[:3], unit_quaternion("render: rotation of the pose", place[3:])])
+    return look_pose(finite_vector("render: eye", eye, 3), finite_vector("render: look_at", look_at, 3))
 
 
 def _renderer(scene: Scene, weather: str) -> StillRenderer:
