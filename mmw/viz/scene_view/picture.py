@@ -199,14 +199,14 @@ class Overlay:
         for run in sorted(runs, key=lambda one: (not one.is_hidden, one.line)):
             color = (*colors[run.line].tolist(), HIDDEN_ALPHA if run.is_hidden else 255)
             for part in dashes(run.pixels) if run.is_hidden else [run.pixels]:
-                draw.line([tuple(point) for point in (SMOOTH * part).tolist()], color, width, joint="curve")
+                draw.line([tuple(point) for point in (SMOOTH * part).tolist()], color, width)
         inner = np.concatenate([np.zeros((0, 3)), *(line[1:-1] for line in lines.lines)])
         owner = np.repeat(np.arange(len(lines)), [len(line) - 2 for line in lines.lines])
         seen = ~self.view.is_hidden(inner)
         for point, line in zip(self.view.pixels(inner)[seen], owner[seen], strict=True):
             if np.isfinite(point).all():
                 x, y = SMOOTH * point
-                r = SMOOTH * MARK_PX * (0.6 + 0.4 * lines.share[line])
+                r = SMOOTH * max(MARK_PX * (0.6 + 0.4 * lines.share[line]), 0.7 * self.path_width_px)
                 draw.ellipse((x - r, y - r, x + r, y + r), (*colors[line].tolist(), 255), (255, 255, 255, 255), SMOOTH)
         return runs
 
