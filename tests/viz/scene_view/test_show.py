@@ -2,6 +2,7 @@
 
 import logging
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -22,7 +23,7 @@ from mmw.viz.scene_view.show import choose_renderer
 from mmw.viz.scene_view.surfaces import ClipBox
 from tests.fixtures.listeners import listeners
 
-SHOW = sys.modules["mmw.viz.scene_view.show"]
+SHOW = import_module("mmw.viz.scene_view.show")
 """The module; the package has a function of this name."""
 
 
