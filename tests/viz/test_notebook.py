@@ -13,7 +13,7 @@ from mmw.viz.notebook import notebook_shell, show_figures
 
 
 class Formatter:
-    """What a display formatter knows about types."""
+    """The types that a display formatter knows."""
 
     def __init__(self) -> None:
         self.type_printers: dict[type, object] = {}
