@@ -17,10 +17,11 @@ from tests.fixtures.small_dataset import small_dataset
 MODULES = [
     "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.dataset", "mmw.dataset.camera_geometry",
     "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots", "mmw.physics.materials",
+    "mmw.viz.scene_view",
 ]  # fmt: skip
 """Public modules that have examples, besides `mmw`."""
 
-NEEDS = {"mmw.torch": "torch", "mmw.viz.plots": "matplotlib"}
+NEEDS = {"mmw.torch": ("torch",), "mmw.viz.plots": ("matplotlib",), "mmw.viz.scene_view": ("matplotlib", "rerun")}
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 
@@ -62,8 +63,8 @@ def public_examples(module: str) -> list[doctest.DocTest]:
 @pytest.mark.usefixtures("towns_are_read_once")
 @pytest.mark.parametrize("module", [pytest.param("mmw", marks=pytest.mark.slow), *MODULES])
 def test_examples_run_as_printed(module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    if module in NEEDS:
-        pytest.importorskip(NEEDS[module])
+    for package in NEEDS.get(module, ()):
+        pytest.importorskip(package)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "quickstart").symlink_to(small_dataset())
     monkeypatch.chdir(tmp_path)

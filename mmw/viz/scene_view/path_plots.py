@@ -52,6 +52,14 @@ def plot_paths(
         InputError: If there is no such view or carrier, the axes do not fit the view, or the paths are of another
             scene.
         MissingPackageError: If matplotlib is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> _ = scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
+        >>> _ = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+        >>> paths = mmw.PathSolver(max_depth=1, samples_per_tx=10_000)(scene)
+        >>> paths.plot(scene=scene).savefig("paths.png")
     """
     if view not in get_args(View):
         raise InputError(f"plot: view = {view!r}; one of {', '.join(get_args(View))} is needed; name one")

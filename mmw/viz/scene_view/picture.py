@@ -92,6 +92,11 @@ def render_picture(
 
     Raises:
         InputError: If there is no view or more than one, an argument cannot be used, or the paths are of another scene.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> scene.render(eye=(-60, -60, 45), look_at=(0, 0, 0), width_px=320, height_px=180).save("town03.png")
     """
     if not 0.0 < path_width_px < np.inf:
         raise InputError(f"render: path_width_px = {path_width_px}; a finite number above 0 is needed; correct it")

@@ -35,7 +35,7 @@ MAX_NAMES = 40
 LEGEND_SCALE = 2.0
 """Size of the legend's image; the viewer scales it to its view."""
 
-AWAY = 1.4
+AWAY = 1.1
 """Distance of the eye from what it looks at, in its extents [-]. Design value."""
 
 

@@ -72,6 +72,12 @@ def show(
     Raises:
         InputError: If an argument cannot be used, the paths are of another scene, or no window can be opened.
         MissingPackageError: If the renderer is not installed.
+
+    Examples:
+        >>> import mmw
+        >>> scene = mmw.load_scene("town03")
+        >>> str(scene.show(clip_z_m=8.0, save="town03.rrd"))
+        'town03.rrd'
     """
     if not height_px >= MIN_HEIGHT_PX:
         raise InputError(f"show: height_px = {height_px}; at least {MIN_HEIGHT_PX} is needed; correct it")
