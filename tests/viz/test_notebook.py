@@ -13,11 +13,7 @@ from mmw.viz.notebook import notebook_shell, show_figures
 
 
 class Formatter:
-<<<<<<< HEAD
     """Hold what a display formatter knows about types."""
-=======
-    """The types that a display formatter knows."""
->>>>>>> apidocs
 
     def __init__(self) -> None:
         self.type_printers: dict[type, object] = {}
