@@ -77,6 +77,17 @@ def test_map_has_north_up_and_the_given_scale(device: str) -> None:
         assert len(rows) == pytest.approx(400, abs=25)
 
 
+def test_distances_are_those_of_the_pixels_rays(device: str) -> None:
+    """A wall 12 m ahead fills the right half of the picture; there is nothing to the left of it."""
+    wall = quad_part("Buildings/wall", [(12, -40, -40), (12, 0, -40), (12, 0, 40), (12, -40, 40)], "brick", "building")
+    camera = street_camera(64, 48, 1, 90.0)
+    found = pictures_of(arrays_from_parts([wall]), device).distances(np.array(pose(0.0, 0.0)), camera)
+    v, u = np.indices((48, 64))
+    right, down = (u + 0.5 - 32.0) / 32.0, (v + 0.5 - 24.0) / 32.0
+    expected = np.where(u >= 32, 12.0 * np.sqrt(1.0 + right**2 + down**2), np.inf)
+    np.testing.assert_allclose(found, expected, rtol=1e-5)
+
+
 def test_an_actor_is_followed_from_behind_on_its_left() -> None:
     eye, target = follow_view(np.array(pose(100.0, 50.0, 2.0, np.pi / 2)))
     np.testing.assert_allclose(eye, (97.5, 41.0, 5.2))

@@ -85,8 +85,8 @@ def choose_paths(
     if not len(column):
         known = ", ".join(f"{carrier:g}" for carrier in carriers)
         raise InputError(f"paths: carrier_hz = {carrier_hz:g}; they have {known} Hz; name one of these")
-    if max_paths is not None and not max_paths >= 0:
-        raise InputError(f"paths: max_paths = {max_paths}; a number from 0 on is needed; correct it")
+    if max_paths is not None and not (isinstance(max_paths, int | np.integer) and max_paths >= 0):
+        raise InputError(f"paths: max_paths = {max_paths!r}; a whole number from 0 on is needed; correct it")
     transmitters = {name: paths.tx_positions[index] for index, name in enumerate(paths.tx_names)}
     receivers = {name: paths.rx_positions[index] for index, name in enumerate(paths.rx_names)}
     if scene is not None:

@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.channel.scene_paths import Paths
 from mmw.core.errors import InputError
-from mmw.core.transforms import normalize
+from mmw.scene.radio_devices import finite_vector, unit_quaternion
 from mmw.scene.scene import Scene
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.rgb.config import RgbCamera
@@ -133,17 +133,10 @@ def _view_pose(eye: ArrayLike | None, look_at: ArrayLike | None, pose: ArrayLike
         raise InputError(
             f"render: {' and '.join(names) or 'no view'} given; eye and look_at, or pose, are needed; give one of them"
         )
-    for name, value, count in (("eye", eye, 3), ("look_at", look_at, 3), ("pose", pose, 7)):
-        if value is not None:
-            array = np.asarray(value, dtype=np.float64)
-            if array.shape != (count,) or not np.isfinite(array).all():
-                raise InputError(f"render: {name} = {array.tolist()}; {count} finite numbers are needed; correct it")
-    if pose is None:
-        return look_pose(np.asarray(eye, dtype=np.float64), np.asarray(look_at, dtype=np.float64))
-    place = np.asarray(pose, dtype=np.float64)
-    if not place[3:].any():
-        raise InputError("render: pose has the rotation (0, 0, 0, 0); a quaternion is needed; give (0, 0, 0, 1)")
-    return np.concatenate([place[:3], normalize(place[3:])])
+    if pose is not None:
+        place = finite_vector("render: pose", pose, 7)
+        return np.concatenate([place[:3], unit_quaternion("render: rotation of the pose", place[3:])])
+    return look_pose(finite_vector("render: eye", eye, 3), finite_vector("render: look_at", look_at, 3))
 
 
 def _renderer(scene: Scene, weather: str) -> StillRenderer:
@@ -206,14 +199,14 @@ class Overlay:
         for run in sorted(runs, key=lambda one: (not one.is_hidden, one.line)):
             color = (*colors[run.line].tolist(), HIDDEN_ALPHA if run.is_hidden else 255)
             for part in dashes(run.pixels) if run.is_hidden else [run.pixels]:
-                draw.line([tuple(point) for point in (SMOOTH * part).tolist()], color, width, joint="curve")
+                draw.line([tuple(point) for point in (SMOOTH * part).tolist()], color, width)
         inner = np.concatenate([np.zeros((0, 3)), *(line[1:-1] for line in lines.lines)])
         owner = np.repeat(np.arange(len(lines)), [len(line) - 2 for line in lines.lines])
         seen = ~self.view.is_hidden(inner)
         for point, line in zip(self.view.pixels(inner)[seen], owner[seen], strict=True):
             if np.isfinite(point).all():
                 x, y = SMOOTH * point
-                r = SMOOTH * MARK_PX * (0.6 + 0.4 * lines.share[line])
+                r = SMOOTH * max(MARK_PX * (0.6 + 0.4 * lines.share[line]), 0.7 * self.path_width_px)
                 draw.ellipse((x - r, y - r, x + r, y + r), (*colors[line].tolist(), 255), (255, 255, 255, 255), SMOOTH)
         return runs
 

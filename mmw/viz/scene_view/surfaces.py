@@ -10,6 +10,7 @@ from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import normalize, rotate
 from mmw.physics.materials.material import Material
+from mmw.scene.radio_devices import finite_vector
 from mmw.scene.scene_data import MODEL_NONE, Prototype, SceneData
 from mmw.viz.plots.style import CLASS_COLORS
 from mmw.worlds.materials.textures import srgb
@@ -59,15 +60,16 @@ class ClipBox:
         if clip_z_m is not None and clip is not None:
             raise InputError("show: clip_z_m and clip are both given; one of them is needed; leave the other out")
         if clip_z_m is not None:
-            if not np.isfinite(clip_z_m):
-                raise InputError(f"show: clip_z_m = {clip_z_m}; a finite height in meters is needed; correct it")
-            return cls(high=(np.inf, np.inf, float(clip_z_m)))
+            return cls(high=(np.inf, np.inf, float(finite_vector("show: clip_z_m", [clip_z_m], 1)[0])))
         if clip is None:
             return cls()
-        sides = np.asarray(clip, dtype=np.float64)
+        try:
+            sides = np.asarray(clip, dtype=np.float64)
+        except (TypeError, ValueError):
+            sides = np.full(6, np.nan)
         if sides.shape != (6,) or np.isnan(sides).any() or not (sides[:3] < sides[3:]).all():
             raise InputError(
-                f"show: clip = {tuple(clip)}; (xmin, ymin, zmin, xmax, ymax, zmax) in meters is needed, each minimum "
+                f"show: clip = {clip!r}; (xmin, ymin, zmin, xmax, ymax, zmax) in meters is needed, each minimum "
                 "below its maximum, inf for an open side; correct it"
             )
         return cls(tuple(sides[:3].tolist()), tuple(sides[3:].tolist()))

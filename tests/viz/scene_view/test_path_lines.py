@@ -51,6 +51,7 @@ def test_the_color_scale_spans_60_db_at_most(street_paths: Paths) -> None:
     [
         ({"carrier_hz": 6e10}, r"carrier_hz = 6e\+10; they have 2.8e\+10, 3.5e\+09 Hz"),
         ({"max_paths": -1}, "max_paths = -1"),
+        ({"max_paths": 2.5}, "max_paths = 2.5; a whole number"),
     ],
 )
 def test_what_the_paths_do_not_have_is_named(street_paths: Paths, arguments: dict, message: str) -> None:

@@ -11,7 +11,9 @@ from matplotlib.figure import Figure
 from mmw.channel import Paths, PathSolver
 from mmw.core.errors import InputError
 from mmw.scene import Receiver, Scene
+from mmw.viz.plots.radio_map_plot import draw_scene
 from mmw.viz.scene_view import plot_paths
+from tests.fixtures.scenes import arrays_from_parts, box_part
 from tests.fixtures.street_scene import street_scene
 
 
@@ -90,3 +92,17 @@ def test_views_that_are_none_are_refused(street: Scene, street_paths: Paths) -> 
     other.frame = 1
     with pytest.raises(InputError, match="frame 0; the scene is 'street', frame 1"):
         plot_paths(street_paths, scene=other)
+
+
+def test_only_buildings_near_the_map_are_drawn() -> None:
+    houses = [
+        box_part(f"Buildings/{name}", (4, 4, 3), (x, 0, 1.5), "wood", "building")
+        for name, x in (("near", 0.0), ("far", 50.0))
+    ]
+    axes = Figure().subplots()
+    draw_scene(axes, arrays_from_parts(houses), 0, (np.array([-5.0, -5.0]), np.array([5.0, 5.0])))
+    roofs, walls = axes.collections[:2]
+    corners = np.concatenate([path.vertices for path in roofs.get_paths()])
+    np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)], [(-2, -2), (2, 2)])
+    square = {(-2, -2, -2, 2), (-2, -2, 2, -2), (-2, 2, 2, 2), (2, -2, 2, 2)}
+    assert {tuple(line.ravel()) for line in walls.get_segments()} == square

@@ -107,7 +107,7 @@ def test_renderers_and_files_that_do_not_fit_are_refused(renderer: str, file: st
     ("options", "message"),
     [
         ({"height_px": 20}, "height_px = 20; at least 100"),
-        ({"clip_z_m": float("nan")}, "clip_z_m = nan"),
+        ({"clip_z_m": float("nan")}, r"clip_z_m = \(nan,\)"),
         ({"weather": "snowy"}, "weather 'snowy'"),
         ({"color_by": "taste"}, "color_by = 'taste'"),
     ],

@@ -77,8 +77,9 @@ def test_without_a_box_nothing_changes() -> None:
 @pytest.mark.parametrize(
     ("clip_z_m", "clip", "message"),
     [
-        (np.nan, None, "clip_z_m = nan"),
-        (np.inf, None, "finite height"),
+        (np.nan, None, r"clip_z_m = \(nan,\); 1 finite numbers"),
+        (np.inf, None, r"clip_z_m = \(inf,\)"),
+        (None, ("a", 0, 0, 1, 1, 1), "xmin"),
         (1.0, (0, 0, 0, 1, 1, 1), "both given"),
         (None, (0, 0, np.nan, 1, 1, 1), r"clip = \(0, 0, nan, 1, 1, 1\)"),
         (None, (0, 0, 0, 1, 1), "xmin"),
