@@ -44,7 +44,7 @@ class MemoryTables:
     """Tables in memory, read like those of a `Dataset`."""
 
     root: str
-    """What they are, for messages."""
+    """Words for what they are, in messages."""
     held: Mapping[str, pa.Table]
     """Table name -> rows, sorted by the table's key."""
 
