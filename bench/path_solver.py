@@ -25,14 +25,18 @@ def main() -> None:
     """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--scene", default="town03", help="a shipped town, or a file that mmw.load_scene reads")
+    for name, default in (("tx", (13.5, -29.5, 10.0)), ("rx", (-2.0, 45.0, 1.5))):
+        parser.add_argument(
+            f"--{name}", type=float, nargs=3, default=default, metavar=("X", "Y", "Z"), help="place [m]"
+        )
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     parser.add_argument("--calls", type=int, default=CALLS, help="timed calls a setting")
     arguments = parser.parse_args()
     began = time.perf_counter()
     scene = mmw.load_scene(arguments.scene, device=arguments.device)
     loaded = time.perf_counter() - began
-    scene.add(mmw.Transmitter("bs", position=(13.5, -29.5, 10.0)))
-    receiver = scene.add(mmw.Receiver("ue", position=(-2.0, 45.0, 1.5)))
+    scene.add(mmw.Transmitter("bs", position=arguments.tx))
+    receiver = scene.add(mmw.Receiver("ue", position=arguments.rx))
     for name, options in SETTINGS.items():
         solver = mmw.PathSolver(**options)
         began = time.perf_counter()
@@ -40,7 +44,8 @@ def main() -> None:
         first = time.perf_counter() - began
         wall = []
         for call in range(arguments.calls if "launch" not in name else max(arguments.calls // 10, 5)):
-            receiver.position = (-2.0, 45.0 + 0.01 * (call + 1), 1.5)
+            x, y, z = arguments.rx
+            receiver.position = (x, y + 0.01 * (call + 1), z)
             began = time.perf_counter()
             paths = solver(scene)
             wall.append(time.perf_counter() - began)

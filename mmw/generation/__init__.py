@@ -1,1 +1,1 @@
-"""Generate datasets: plan, run, resume, verify and regenerate."""
+"""Generate datasets: plan, run, resume, verify and regenerate; replay frames in memory."""

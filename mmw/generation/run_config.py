@@ -33,7 +33,7 @@ def generate(
     """Generate the missing frames of a dataset and open it, as `mmw run` does.
 
     The same call resumes what an earlier one, or a killed one, has left. Worker processes do not run the caller's
-    script, which needs no guard for them.
+    script, which needs no guard for them. Messages name options of the command: `--out` is `out` here.
 
     Args:
         config: Path of a YAML file; name of a shipped configuration, such as `quickstart`; content of a file as a
@@ -49,8 +49,6 @@ def generate(
         progress: Show the progress on standard error, and a summary on standard output. Without, mmw prints nothing;
             its logger `mmw` has it all.
 
-    Messages name options of the command: `--out` is `out` here.
-
     Raises:
         ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
         InputError: If the folder has data of another configuration, or is being written or cannot be.
@@ -63,9 +61,7 @@ def generate(
         >>> data.read("imu").num_rows  # three vehicles, two frames
         6
     """
-    options = {
-        "output.dir": None if out is None else os.fspath(out), "compute.device": device, "compute.workers": workers
-    }  # fmt: skip
+    options = {"output.dir": out, "compute.device": device, "compute.workers": workers}
     given = {key: value for key, value in options.items() if value is not None}
     found = load_config(config, overrides, given, base=base)
     where = base_folder(config, base)

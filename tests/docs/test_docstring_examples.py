@@ -15,7 +15,7 @@ from mmw.scene.reader import read_stage
 from tests.fixtures.small_dataset import small_dataset
 
 MODULES = [
-    "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.sensors", "mmw.dataset", "mmw.dataset.camera_geometry",
+    "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.dataset", "mmw.dataset.camera_geometry",
     "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots", "mmw.physics.materials",
     "mmw.viz.scene_view",
 ]  # fmt: skip

@@ -135,6 +135,7 @@ def test_a_worker_of_the_users_own_has_one_worker(own_world: Path, monkeypatch: 
         ({"scenarios": [], "sed": 1}, {}, "configuration: sed = 1: unknown key; did you mean `seed`?"),
         ("MINE", {"overrides": ["sensors.lidar.channels=0"]}, "sensors[0].channels = 0: must be greater than or equal"),
         ("MINE", {"overrides": "frames.count=1"}, "overrides = 'frames.count=1': a list of texts is needed, such as"),
+        ("MINE", {"out": 5}, "output.dir = 5: text is needed"),
         ("MINE", {"workers": 0}, "compute.workers = 0: 0 workers make nothing; give 1 to 1024, or auto"),
         ("MINE", {"device": "cuda:77"}, "compute.device = 'cuda:77': this machine has cpu"),
         ("MINE", {"accept": "versions"}, "accept = 'versions': give a list of some of 'versions', 'machine'"),

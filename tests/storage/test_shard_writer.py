@@ -14,11 +14,12 @@ import pytest
 
 from mmw.storage import atomic_files as publish
 from mmw.storage.arrow_tables import sort_rows, table_from_columns
+from mmw.storage.atomic_files import OutOfSpaceError
 from mmw.storage.file_checks import verify
 from mmw.storage.manifest import finalize, pending_scenarios, pending_shards, prepare_root
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import TABLES, table_spec
-from mmw.storage.shard_writer import OutOfSpaceError, ShardKey, marker_path, table_path, write_scenario, write_shard
+from mmw.storage.shard_writer import ShardKey, marker_path, table_path, write_scenario, write_shard
 from tests.fixtures.edit_files import edit_bytes, edit_json
 from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics
 

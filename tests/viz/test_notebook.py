@@ -13,7 +13,7 @@ from mmw.viz.notebook import notebook_shell, show_figures
 
 
 class Formatter:
-    """Hold printers of types as a display formatter does."""
+    """Hold what a display formatter knows about types."""
 
     def __init__(self) -> None:
         self.type_printers: dict[type, object] = {}

@@ -38,7 +38,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
     is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
     found = [_no_paths(max(1, config.max_depth))]
     if len(links):
-        for link, step, is_plane in _candidates(search, is_pair):
+        for link, step, is_plane in _joined(_candidates(search, is_pair)):
             for begin in range(0, len(link), CANDIDATES_AT_ONCE):
                 part = slice(begin, begin + CANDIDATES_AT_ONCE)
                 found.append(_refine(search, link[part], step[part], is_plane))
@@ -75,6 +75,25 @@ def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
         links, row = backward
         for link, step, is_plane in diffracted_candidates(search, links):
             yield row[link], _reverse(step), is_plane
+
+
+def _joined(candidates: Iterator[Candidates]) -> Iterator[Candidates]:
+    """Yield candidates in fewer and larger tables: each costs launches and transfers, however small it is."""
+    kept: list[Candidates] = []
+    for part in candidates:
+        is_full = sum(len(link) for link, _, _ in kept) + len(part[0]) > CANDIDATES_AT_ONCE
+        if kept and (is_full or part[2] != kept[0][2]):
+            yield _as_one(kept)
+            kept = []
+        kept.append(part)
+    if kept:
+        yield _as_one(kept)
+
+
+def _as_one(parts: list[Candidates]) -> Candidates:
+    if len(parts) == 1:
+        return parts[0]
+    return np.concatenate([link for link, _, _ in parts]), np.concatenate([step for _, step, _ in parts]), parts[0][2]
 
 
 def _shared_reflections(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:

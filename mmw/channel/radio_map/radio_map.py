@@ -68,6 +68,12 @@ class RadioMap:
     """Mean power gain to an ideal isotropic receiver, transmit pattern and precoding included, shape [T, C], float64;
     exactly 0 where no ray of the transmitter arrives."""
 
+    def __repr__(self) -> str:
+        return (
+            f"<radio map of {', '.join(self.tx_names)} in {len(self.surface):,} cells at "
+            f"{self.config.carrier_hz / 1e9:g} GHz, depth {self.config.max_depth}>"
+        )
+
     @property
     def tx_names(self) -> tuple[str, ...]:
         """Names of the transmitters, T of them."""

@@ -16,13 +16,7 @@ CHANNELS = 64
 
 
 class Lidar(SensorConfig):
-    """A spinning LiDAR; one whole turn a frame.
-
-    Examples:
-        >>> lidar = Lidar(channels=64, range_m=120.0)
-        >>> lidar.points_per_channel, lidar.on
-        (469, ('cav', 'rsu'))
-    """
+    """A spinning LiDAR; one whole turn a frame."""
 
     type: Literal["lidar"] = "lidar"
     name: Name = Field(default="lidar", description="sensor name (name)")

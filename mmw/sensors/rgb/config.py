@@ -12,13 +12,7 @@ from mmw.sensors.render.image_config import ImageConfig
 
 
 class RgbCamera(CameraConfig):
-    """A color camera, and what the same rays show.
-
-    Examples:
-        >>> camera = RgbCamera(name="front", width_px=640, height_px=480, fov_deg=90.0)
-        >>> camera.rate_hz, camera.on
-        (100.0, ('cav', 'rsu'))
-    """
+    """A color camera, and what the same rays show."""
 
     type: Literal["rgb"] = "rgb"
     name: Name = Field(default="front", description="sensor name (name)")

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
+import warp as wp
 
 import mmw
 from mmw.channel.antennas.patterns import antenna_field
@@ -37,8 +38,8 @@ def open_space(**options) -> Scene:
     return Scene(arrays_from_parts(parts), {"sunny": PRESETS["sunny"]}, device="cpu", **options)
 
 
-def street(frames: int = 4, frame: int = 1) -> Scene:
-    return Scene(two_cars(frames), {"sunny": PRESETS["sunny"]}, device="cpu", frame=frame, name="street")
+def street(frames: int = 4, frame: int = 1, device: str = "cpu") -> Scene:
+    return Scene(two_cars(frames), {"sunny": PRESETS["sunny"]}, device=device, frame=frame, name="street")
 
 
 def lines_of_sight(scene: Scene, **options) -> mmw.Paths:
@@ -361,10 +362,10 @@ def test_impulse_responses_of_a_fixed_number_of_paths() -> None:
 
 
 @pytest.mark.slow
-def test_a_thousand_scenes_leave_no_memory_behind() -> None:
+def test_a_thousand_scenes_leave_no_memory_behind(device: str) -> None:
     process, used = psutil.Process(), []
     for round_ in range(1000):
-        scene = two_by_two(street(2, 0))
+        scene = two_by_two(street(2, 0, device))
         mmw.PathSolver(max_depth=1, candidates="exhaustive")(scene).cfr([0.0])
         scene.receivers["x"].position = (11.0, 1.0, 1.5)
         mmw.PathSolver(max_depth=1, candidates="exhaustive")(scene)
@@ -373,5 +374,7 @@ def test_a_thousand_scenes_leave_no_memory_behind() -> None:
         del scene
         if round_ in (200, 999):
             gc.collect()
-            used.append(process.memory_info().rss)
-    assert used[1] - used[0] < 20e6, f"{(used[1] - used[0]) / 1e6:.1f} MB in 800 rounds"
+            on_device = wp.get_mempool_used_mem_current(device) if "cuda" in device else 0
+            used.append(np.array([process.memory_info().rss, on_device]))
+    grown = used[1] - used[0]
+    assert (grown < (20e6, 1e5)).all(), f"{grown / 1e6} MB on host and device in 800 rounds"

@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.channel.radio_map.measurement_surface import plane_grid
-from mmw.channel.radio_map.solver import RadioMapConfig, actor_transmitters, radio_map
+from mmw.channel.radio_map.radio_map import RadioMapConfig
+from mmw.channel.radio_map.solver import solve_radio_map
+from mmw.channel.radio_map.transmitters import actor_transmitters
 from mmw.physics.materials.material import RadioMaterial
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import ground_part, wall_part
@@ -21,7 +23,7 @@ def test_an_absorber_adds_nothing_to_a_map(device: str) -> None:
 
     def gain(name: str, depth: int) -> np.ndarray:
         materials = tuple(replace(material, radio=radio[name]) for material in arrays.materials["sunny"])
-        return radio_map(scene, 0, transmitters, surface, replace(config, max_depth=depth), materials).path_gain
+        return solve_radio_map(scene, 0, transmitters, surface, replace(config, max_depth=depth), materials).path_gain
 
     np.testing.assert_array_equal(gain("own", 3), gain("own", 0))
     assert gain("stone", 3).sum() > 1.05 * gain("stone", 0).sum()
