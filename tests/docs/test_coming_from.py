@@ -158,7 +158,7 @@ def test_a_lidar_frame_sees_the_street(street: Path) -> None:
 def test_channels_for_sionna_phy_have_its_shapes(street: Path) -> None:
     """The protocol of `CIRDataset`: equal shapes, finite delays, no power where there is no path."""
     names = run(TASKS[12], street)
-    samples = list(names["channels"]())
+    samples = list(names["cirs"]())
     assert len(samples) > 3
     for a, tau in samples:
         assert a.shape == (1, 1, 1, 4, 16, 14) and tau.shape == (1, 1, 16) and np.isfinite(tau).all()
