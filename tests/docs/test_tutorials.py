@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from mmw.channel.antennas import patterns
+from mmw.physics.materials import scattering_patterns
 from tests.fixtures.doc_pages import ROOT, blocks_of, run_page, run_python, says
 from tests.fixtures.small_dataset import small_dataset
 from tests.fixtures.window_data import window_data
@@ -74,7 +76,9 @@ def test_generate_and_replay_from_python(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("page", ["query", "csi", "materials"])
-def test_pages_on_the_quickstart(page: str, clone: Path) -> None:
+def test_pages_on_the_quickstart(page: str, clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for registry in (patterns.PATTERNS, scattering_patterns.PATTERNS):  # what a page registers ends with it
+        monkeypatch.setattr(registry, "_added", {})
     link_dataset(clone)
     run_page(DOCS / "guides" / f"{page}.md", clone)
 
