@@ -28,11 +28,13 @@ class RadioEnds:
         """Return the indices of devices by name; all for None.
 
         Raises:
-            InputError: If there is no such device.
+            InputError: If there is no such device, or one is named twice.
         """
         if wanted is None:
             return np.arange(len(self))
         given = [wanted] if isinstance(wanted, str) else list(wanted)
+        if len(set(given)) != len(given):
+            raise InputError(f"{kind}s {given}: one is named twice; name each once")
         for name in given:
             if name not in self.names:
                 raise InputError(f"{kind} {name!r}: the paths have {', '.join(self.names)}; name one of them")

@@ -90,13 +90,14 @@ def load_scene(
     weathers = _weathers("sunny" if weather is None else weather, {})
     entries, files = _entries(material_map), None
     path, name = Path(source), Path(source).name.split(".")[0]
-    if str(source) in shipped_towns() and not path.is_file():
+    is_town = str(source) in shipped_towns() and not path.is_file()
+    if options and (is_town or str(source).lower().endswith(USD_SUFFIXES)):
+        raise InputError(f"load_scene: {next(iter(options))}: a USD stage has no such option; leave it out")
+    if is_town:
         path = town_path(str(source))
     elif not str(source).lower().endswith(USD_SUFFIXES):
         files = TemporaryFolder("mmw_scene_")
         path = _imported(path, files.path, entries, options)
-    elif options:
-        raise InputError(f"load_scene: {next(iter(options))}: a USD stage has no such option; leave it out")
     variants = {key: values.variants(key) for key, values in weathers.items()}
     wanted = _stage_frames(path, frames, frame)
     data = read_stage(path, wanted, variants, roles=actor_roles, material_map=entries)

@@ -47,6 +47,7 @@ class SceneState:
         self.removed: set[int] = set()
         self.version = 0
         self._data: SceneData | None = data
+        self._recorded = frozenset(actor.object_id for actor in data.actors)  # what is added later has no track
         self._files = files  # a temporary folder with textures, which lives as long as this
         self._kept: dict[Any, Any] = {}
         self._tracks: dict[int, Track] = {}
@@ -96,8 +97,7 @@ class SceneState:
             raise InputError(
                 f"scene {self.name!r}: frame = {value!r}; it has frames {frames[0]} to {frames[-1]}; choose one of them"
             )
-        recorded = {actor.object_id for actor in self.data.actors if actor.role != edits.OBJECT_ROLE}
-        self._tracks = {key: track for key, track in self._tracks.items() if key not in recorded}
+        self._tracks = {key: track for key, track in self._tracks.items() if key not in self._recorded}
         self._frame = int(value)
         self._poses_changed()
 

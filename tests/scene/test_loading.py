@@ -116,6 +116,7 @@ ERRORS = {
     "frame": (("mine.usda",), {"material_map": {"*": "itu_brick"}, "frame": 10}, "frame = 10; it has frames 0 to 9"),
     "scenario of a stage": (("mine.usda",), {"scenario": "a"}, "scenario = 'a': does not go with"),
     "option of a stage": (("mine.usda",), {"up": "y"}, "up: a USD stage has no such option"),
+    "option of a town": (("town03",), {"up": "y"}, "up: a USD stage has no such option"),
     "option of a file": (("a.obj",), {"material_map": {"*": "itu_brick"}, "lanes": 3}, "no option of .glb"),
     "role of a config": (("mine.yaml",), {"actor_roles": {"/a": "cav"}}, "actor_roles = .* does not go with"),
     "unknown scenario": (("mine.yaml",), {"scenario": "yours"}, "scenario = yours: there are mine"),

@@ -117,6 +117,9 @@ def test_objects_are_added_cloned_painted_and_removed() -> None:
         assert scene.materials_by_id()[hit.material_id[0]].name == "foil"
     hit = scene.cast_rays((0.0, 12.0, 50.0), (0.0, 0.0, -1.0))
     assert scene.materials_by_id()[hit.material_id[0]].name == "brick_facade", "the copy keeps its own"
+    twin.position = (-25.0, 3.0, 1.0)
+    scene.frame = 0
+    assert twin.position.tolist() == [-25.0, 3.0, 1.0], "what was added has no track to return to"
     crate.remove()
     scene.objects["house"].remove()
     assert down(scene, 0.0, 8.0)[1] == down(scene, 10.0, 0.0)[1] == "ground"

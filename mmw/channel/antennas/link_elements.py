@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mmw.channel.antennas.arrays import PlanarArray
-from mmw.channel.antennas.patterns import antenna_field
+from mmw.channel.antennas.patterns import antenna_field, slant_angles
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,13 @@ class EndElements:
     """Arrays whose elements they are."""
     index: np.ndarray
     """Array of each link's end, shape [L], int32."""
+
+    @property
+    def tilt(self) -> np.ndarray:
+        """Tilt of each link's polarization against the horizontal [rad], shape [L]: pi/2 for V, pi/4 for a slant of 45
+        degrees, 0 for H."""
+        of_array = [np.pi / 2 - abs(slant_angles(array.polarization)[0]) for array in self.arrays]
+        return np.array(of_array)[self.index]
 
     def field(self, direction: np.ndarray, rotation: np.ndarray, link: np.ndarray) -> np.ndarray:
         """Return the far field of the element of the first polarization, at the phase center.

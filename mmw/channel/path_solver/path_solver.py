@@ -8,7 +8,6 @@ from typing import Any, Literal, overload
 import numpy as np
 
 from mmw.channel.antennas.link_elements import EndElements, LinkElements
-from mmw.channel.antennas.patterns import slant_angles
 from mmw.channel.links import LINK_V2I, Links
 from mmw.channel.path_solver.solver import Trace, check_channel_materials, path_gains, trace_links
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
@@ -154,8 +153,6 @@ class PathSolver:
         check_channel_materials(materials, table.used_materials, config)
         tx, rx = (self._ends(scene, kind, config) for kind in ("transmitter", "receiver"))
         elements = LinkElements(*(_end_elements(own, index) for own, index in _pairs(tx, rx)))
-        if slant_angles(tx.devices.arrays[0].polarization)[0] != 0.0:  # rain weakens horizontal waves a little more
-            config = config.model_copy(update={"polarization": "H"})
         is_two_way = elements.is_uniform and bool(np.isin(tx.number, rx.number).any())
         trace = self._trace(scene, tx, rx, table, config, is_reciprocal=is_two_way)
         air = {name: scene.weathers[name] for name in names} if self._air_losses else None

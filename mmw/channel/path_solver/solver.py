@@ -292,11 +292,12 @@ def _gains(
     if elements is None:
         tx_field = antenna_field(geometry.departure, links.tx.rotation[found.link], config.pattern, config.polarization)
         rx_field = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
+        tilt = np.array(0.0 if config.polarization == "H" else np.pi / 2)
     else:
         tx_field = elements.tx.field(geometry.departure, links.tx.rotation, found.link)
         rx_field = elements.rx.field(geometry.arrival, links.rx.rotation, found.link)
+        tilt = elements.tx.tilt[found.link]
     elevation = np.pi / 2 - geometry.theta_t
-    tilt = 0.0 if config.polarization == "H" else np.pi / 2
     transfer, a, loss_db = {}, {}, {}
     for weather, by_id in materials.items():
         if air is None or weather not in air:

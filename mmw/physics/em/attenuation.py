@@ -113,7 +113,11 @@ def fog_attenuation(lwc_g_m3: ArrayLike, carrier_hz: ArrayLike, temperature_c: A
 
 
 def path_loss_db(
-    weather: Weather, carriers_hz: ArrayLike, length_m: np.ndarray, elevation: np.ndarray, tilt: float = VERTICAL_TILT
+    weather: Weather,
+    carriers_hz: ArrayLike,
+    length_m: np.ndarray,
+    elevation: np.ndarray,
+    tilt: ArrayLike = VERTICAL_TILT,
 ) -> dict[str, np.ndarray]:
     """Return the one-way losses of each path in rain, fog and air.
 
@@ -125,7 +129,7 @@ def path_loss_db(
         carriers_hz: Carrier frequencies [Hz], shape [C].
         length_m: Whole length of each path [m], shape [P].
         elevation: Elevation of departure [rad], shape [P]; pi/2 minus the zenith angle.
-        tilt: Polarization tilt of the antennas against the horizontal [rad]: pi/2 for V, 0 for H.
+        tilt: Polarization tilt of the antennas against the horizontal [rad], one or shape [P]: pi/2 for V, 0 for H.
 
     Returns:
         `rain_db`, `fog_db` and `gas_db` [dB], shape [P, C] each, at least 0; the field gets 10^(-dB / 20). No rain or
@@ -138,7 +142,7 @@ def path_loss_db(
     km = np.asarray(length_m, dtype=np.float64)[:, None] / 1000.0
     rain = fog = np.zeros(carriers.shape)
     if weather.rain_mm_h > 0.0:
-        rain = rain_attenuation(weather.rain_mm_h, carriers, np.asarray(elevation)[:, None], tilt)
+        rain = rain_attenuation(weather.rain_mm_h, carriers, np.asarray(elevation)[:, None], np.reshape(tilt, (-1, 1)))
     if weather.liquid_water_g_m3 > 0.0:
         fog = fog_attenuation(weather.liquid_water_g_m3, carriers, weather.temperature_c)
     dry_air, vapour = gas_attenuation(

@@ -19,6 +19,7 @@ from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix
+from mmw.physics.em.attenuation import rain_attenuation
 from mmw.physics.em.vectors import unit_vector
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.scene import Scene
@@ -359,6 +360,20 @@ def test_impulse_responses_of_a_fixed_number_of_paths() -> None:
         list(mmw.channel.CirGenerator(list, num_paths=2)())
     with pytest.raises(InputError, match="num_paths = 0"):
         mmw.channel.CirGenerator(list, num_paths=0)
+
+
+def test_rain_weakens_each_transmitter_by_its_own_polarization() -> None:
+    """Losses are those of ITU-R P.838 at the tilt of the first polarization, whatever other transmitters have."""
+    parts = [box_part("Props/stone", (1.0, 1.0, 1.0), (0.0, 0.0, -500.0), "concrete_facade", "static")]
+    scene = Scene(arrays_from_parts(parts, weathers=("rainy",)), {"rainy": PRESETS["rainy"]}, device="cpu")
+    for name in ("V", "cross", "H"):
+        scene.add(mmw.Transmitter(name, (0.0, 0.0, 0.0), array=mmw.PlanarArray(pattern="iso", polarization=name)))
+    scene.add(mmw.Receiver("r", (500.0, 0.0, 0.0)))
+    paths = mmw.PathSolver(max_depth=0)(scene, carriers_hz=28e9)
+    tilt = np.array([np.pi / 2, np.pi / 4, 0.0])
+    expected = 0.5 * rain_attenuation(PRESETS["rainy"].rain_mm_h, 28e9, 0.0, tilt)
+    np.testing.assert_allclose(paths.rain_db[:, 0], expected, rtol=1e-12)
+    assert expected[0] < expected[1] < expected[2]
 
 
 @pytest.mark.slow

@@ -47,6 +47,7 @@ ERRORS = {
     "no carrier": (lambda s: mmw.PathSolver()(with_devices(s), carriers_hz=[]), "give at least one carrier"),
     "weather": (lambda s: mmw.PathSolver()(with_devices(s), weathers=["foggy"]), "weather 'foggy'; it was loaded"),
     "select": (lambda s: lines_of_sight(with_devices(s)).select(rx="q"), "receiver 'q': the paths have r"),
+    "twice": (lambda s: lines_of_sight(with_devices(s)).select(rx=["r", "r"]), "one is named twice"),
     "kind": (lambda s: lines_of_sight(with_devices(s)).select(kind="bent"), "kind = 'bent'; there are los"),
     "which carrier": (
         lambda s: lines_of_sight(with_devices(s), carriers_hz=CARRIERS).cfr([0.0]),
