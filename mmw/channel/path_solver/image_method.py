@@ -9,10 +9,11 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.scatter_paths import find_patches
 from mmw.channel.path_solver.search import Search
-from mmw.channel.path_solver.traced_paths import TracedPaths, make_hit_buffers, reverse_columns
-from mmw.core.transfer import to_host
+from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
+from mmw.core.packed_arrays import PackedArrays, upload_arrays
 from mmw.kernels.channel.edges import cull_wedges_kernel
 from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
+from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.interaction import DIFFRACTION
 from mmw.physics.em.vectors import norm
@@ -160,15 +161,14 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
     scene, table, config = search.scene, search.table, search.config
     device, shape = scene.device, step.shape
     candidates = PathCandidates()
-    candidates.link = wp.array(link, dtype=wp.int32, device=device)
-    candidates.step = wp.array(step, dtype=wp.int32, device=device)
+    candidates.link, candidates.step = upload_arrays(device, (link, wp.int32), (step, wp.int32))
     candidates.is_plane = is_plane
-    candidates.image, candidates.normal, candidates.point = (
-        wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(3)
-    )
-    candidates.offset = wp.empty(shape, dtype=wp.float64, device=device)
-    order = wp.empty(len(link), dtype=wp.int32, device=device)
-    hits = make_hit_buffers(shape, device)
+    vectors, integers = (shape, wp.vec3d), (shape, wp.int32)
+    scratch = PackedArrays(device, [vectors, vectors, vectors, (shape, wp.float64)])
+    candidates.image, candidates.normal, candidates.point, candidates.offset = scratch.arrays
+    out = PackedArrays(device, [(link.shape, wp.int32), integers, integers, vectors, vectors])
+    hits = HitBuffers()
+    order, hits.kind, hits.surface, hits.vertex, hits.normal = out.arrays
     wp.launch(
         refine_kernel,
         dim=len(link),
@@ -186,7 +186,7 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
         device=device,
         block_dim=64,
     )
-    orders, kind, surface, vertex, normal = to_host([order, hits.kind, hits.surface, hits.vertex, hits.normal])
+    orders, kind, surface, vertex, normal = out.to_host()
     kept = np.flatnonzero(orders >= 0)
     is_there = np.arange(shape[1]) < orders[kept, None]
     return TracedPaths(
