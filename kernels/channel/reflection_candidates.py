@@ -80,14 +80,15 @@ def reflects_in_box(
     """
     tx_height = wp.dot(normal, tx) - offset
     rx_height = wp.dot(normal, rx) - offset
-    is_inside = wp.bool(False)
-    if tx_height * rx_height > wp.float64(0.0):
-        share = tx_height / (tx_height + rx_height)
-        down = wp.float64(2.0) * share * rx_height
-        if is_between(low[0], high[0], tx[0] + share * (rx[0] - tx[0]) - down * normal[0]):
-            if is_between(low[1], high[1], tx[1] + share * (rx[1] - tx[1]) - down * normal[1]):
-                is_inside = is_between(low[2], high[2], tx[2] + share * (rx[2] - tx[2]) - down * normal[2])
-    return is_inside
+    if not tx_height * rx_height > wp.float64(0.0):  # nor for NaN, the pose of an absent instance
+        return False
+    share = tx_height / (tx_height + rx_height)
+    down = wp.float64(2.0) * share * rx_height
+    if not is_between(low[0], high[0], tx[0] + share * (rx[0] - tx[0]) - down * normal[0]):
+        return False
+    if not is_between(low[1], high[1], tx[1] + share * (rx[1] - tx[1]) - down * normal[1]):
+        return False
+    return is_between(low[2], high[2], tx[2] + share * (rx[2] - tx[2]) - down * normal[2])
 
 
 @wp.kernel

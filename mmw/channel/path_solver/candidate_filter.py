@@ -60,7 +60,11 @@ def _single_reflections(
     search: Search, links: SortedLinks, sources: Sources, first_source: int, is_hit: wp.array
 ) -> Candidates:
     """Return the candidates of one reflection, in the order of links' blocks, surfaces and links."""
-    begin, count, device = int(sources.first_link[0]), int(sources.first_link[-1] - sources.first_link[0]), is_hit.device
+    begin, count, device = (
+        int(sources.first_link[0]),
+        int(sources.first_link[-1] - sources.first_link[0]),
+        is_hit.device,
+    )
     pairs = wp.empty((-(-count // 8), -(-len(search.table) // 8)), dtype=wp.uint64, device=device)
     inputs = [links.ends, search.table.device, begin, count, first_source, is_hit]
     wp.launch(cull_reflections_kernel, dim=pairs.shape, inputs=inputs, outputs=[pairs], device=device)
