@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from mmw.core.packed_arrays import PackedArrays, upload_arrays
+from mmw.core.packed_arrays import borrow_arrays
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
 
@@ -41,25 +41,28 @@ class EnclosingQuery:
             scene: Town and vehicles with a batch loaded; its first frame counts.
             position: World frame [m], shape [N, 3].
         """
-        device, shape = scene.device, (len(position), RAYS)
-        out = PackedArrays(device, [(shape, wp.int32), (shape, wp.int32)])
-        frame, origin, direction = upload_arrays(
-            device,
-            (np.zeros(len(position), dtype=np.int32), wp.int32),
-            (np.asarray(position) - scene.origin, wp.vec3),
-            (_directions(), wp.vec3),
-        )
-        inputs = [scene.struct, frame, origin, direction, REACH_M]
-        wp.launch(sight.count_hits_kernel, shape, inputs, out.arrays, device=device, block_dim=BLOCK_DIM)
-        self._out = out
+        count, device = len(position), scene.device
+        points, rays = ((count,), wp.vec3), ((count, RAYS), wp.int32)
+        self._given = borrow_arrays(device, ((count,), wp.int32), points, ((RAYS,), wp.vec3))
+        self._out = borrow_arrays(device, rays, rays)
+        frame, origin, direction = self._given.host
+        frame[...], origin[...], direction[...] = 0, position - scene.origin, _directions()
+        inputs = [scene.struct, *self._given.upload(), REACH_M]
+        shape = (count, RAYS)
+        wp.launch(sight.count_hits_kernel, shape, inputs, self._out.arrays, device=device, block_dim=BLOCK_DIM)
 
     def object_ids(self) -> np.ndarray:
-        """Return the object around each point, -1 in the open: the one that most rays hit first, shape [N], int32."""
-        count, objects = self._out.to_host()
+        """Return the object around each point, -1 in the open: the one that most rays hit first, shape [N], int32.
+
+        It can be asked once.
+        """
+        count, objects = self._out.download()
         is_odd = count % 2 == 1
         inside = np.full(len(count), -1, dtype=np.int32)
         for row in np.flatnonzero(is_odd.mean(axis=1) >= INSIDE_SHARE):
             inside[row] = np.bincount(objects[row][objects[row] >= 0]).argmax()
+        self._given.release()
+        self._out.release()
         return inside
 
 

@@ -7,6 +7,7 @@ import warp as wp
 
 from mmw.channel.path_solver.candidates import launches
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
+from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.transfer import to_host
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
@@ -60,22 +61,21 @@ def _single_reflections(
     search: Search, links: SortedLinks, sources: Sources, first_source: int, is_hit: wp.array
 ) -> Candidates:
     """Return the candidates of one reflection, in the order of links' blocks, surfaces and links."""
-    begin, count, device = (
-        int(sources.first_link[0]),
-        int(sources.first_link[-1] - sources.first_link[0]),
-        is_hit.device,
-    )
-    pairs = wp.empty((-(-count // 8), -(-len(search.table) // 8)), dtype=wp.uint64, device=device)
+    begin, device = int(sources.first_link[0]), search.scene.device
+    count = int(sources.first_link[-1]) - begin
+    shape = -(-count // 8), -(-len(search.table) // 8)
+    block = borrow_arrays(device, (shape, wp.uint64))
     inputs = [links.ends, search.table.device, begin, count, first_source, is_hit]
-    wp.launch(cull_reflections_kernel, dim=pairs.shape, inputs=inputs, outputs=[pairs], device=device)
-    words = to_host([pairs])[0].reshape(-1)
+    wp.launch(cull_reflections_kernel, dim=shape, inputs=inputs, outputs=block.arrays, device=device)
+    words = block.download()[0].reshape(-1)
     word = np.flatnonzero(words)
     bits = np.unpackbits(words[word].view(np.uint8), bitorder="little")
+    block.release()
     at = np.flatnonzero(bits)
-    block, group = np.divmod(word[at >> 6], pairs.shape[1])
+    block_of, group = np.divmod(word[at >> 6], shape[1])
     step = np.full((len(at), max(1, search.config.max_depth)), -1, dtype=np.int32)
     step[:, 0] = 8 * group + ((at >> 3) & 7)
-    return (begin + 8 * block + (at & 7)).astype(np.int32), step, False
+    return (begin + 8 * block_of + (at & 7)).astype(np.int32), step, False
 
 
 def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTree:

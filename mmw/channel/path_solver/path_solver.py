@@ -156,7 +156,7 @@ class PathSolver:
         tx, rx = (self._ends(scene, kind, config) for kind in ("transmitter", "receiver"))
         check = PlaceCheck(scene, [("transmitter", tx.devices), ("receiver", rx.devices)] if self._check_places else [])
         elements = LinkElements(*(_end_elements(own, index) for own, index in _pairs(tx, rx)))
-        is_two_way = elements.is_uniform and bool(np.isin(tx.number, rx.number).any())
+        is_two_way = elements.is_uniform and not set(tx.number.tolist()).isdisjoint(rx.number.tolist())
         trace = self._trace(scene, tx, rx, table, config, is_reciprocal=is_two_way)
         check.finish()
         air = {name: scene.weathers[name] for name in names} if self._air_losses else None

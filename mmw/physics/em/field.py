@@ -180,6 +180,8 @@ def plane_matrices(
     matrices[kind == 0] = np.eye(2)
     for code, coefficients in ((SPECULAR, reflection), (TRANSMISSION, transmission)):
         at = np.nonzero(kind == code)
+        if not len(at[0]):
+            continue
         te, tm = coefficients(permittivity[at], geometry.cosine[at], thickness[at], carrier_hz)
         specular_share = np.sqrt(1.0 - scattering[at] ** 2) if code == SPECULAR else 1.0
         matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * specular_share, tm * specular_share
