@@ -54,9 +54,25 @@ def reflection_point(tx: wp.vec3d, rx: wp.vec3d, normal: wp.vec3d, offset: wp.fl
 
 
 @wp.func
+def is_beyond_edge(along: wp.vec3d, offset: wp.vec3d, normal: wp.vec3d, limit: wp.float64) -> bool:
+    """Return whether a point at `offset` from the begin of an edge is outside it, farther than the root of `limit`
+    times the edge's length; without a root."""
+    height = wp.dot(wp.cross(along, offset), normal)
+    return height < wp.float64(0.0) and height * height > limit * wp.dot(along, along)
+
+
+@wp.func
 def is_inside(point: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, margin: wp.float64) -> bool:
     """Return whether a point, seen along the triangle's normal, is in the triangle or within `margin` [m] of it."""
     normal = wp.cross(b - a, c - a)
+    # Most points are far outside; twice the margin leaves all that are near to the exact test.
+    limit = wp.float64(4.0) * margin * margin * wp.dot(normal, normal)
+    if is_beyond_edge(b - a, point - a, normal, limit):
+        return False
+    if is_beyond_edge(c - b, point - b, normal, limit):
+        return False
+    if is_beyond_edge(a - c, point - c, normal, limit):
+        return False
     reach = -margin * wp.length(normal)
     return (
         wp.dot(wp.cross(b - a, point - a), normal) >= reach * wp.length(b - a)
