@@ -17,6 +17,7 @@ from mmw.channel.scene_paths import Paths
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.physics.em.vectors import rotate
+from mmw.physics.materials.permittivity import log_extrapolations
 from mmw.scene.enclosing_objects import enclosing_objects
 from mmw.scene.mounted_antennas import RadioDevices
 from mmw.scene.radio_devices import RadioDevice
@@ -151,6 +152,8 @@ class PathSolver:
         )
         materials = {name: scene.materials_by_id(name) for name in names}
         check_channel_materials(materials, table.used_materials, config)
+        for by_id in materials.values():
+            log_extrapolations(by_id, carriers, table.used_materials)
         tx, rx = (self._ends(scene, kind, config) for kind in ("transmitter", "receiver"))
         elements = LinkElements(*(_end_elements(own, index) for own, index in _pairs(tx, rx)))
         is_two_way = elements.is_uniform and bool(np.isin(tx.number, rx.number).any())
