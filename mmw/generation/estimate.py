@@ -10,11 +10,11 @@ from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.progress import si
-from mmw.physics.weather.weather import choose_variant
+from mmw.physics.weather.weather import PRESETS, choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
 from mmw.usd.actors import find_actors
-from mmw.usd.material_entries import unknown_names
+from mmw.usd.material_entries import unknown_entries
 from mmw.usd.open_stage import open_stage, usd_errors
 
 PATH_BYTES = 134.0
@@ -50,6 +50,8 @@ def check_inputs(config: Config, base: Path) -> None:
         except InputError as error:
             problems.append(f"{where}{error}")
 
+    known = {**config.air, **PRESETS}
+    problems += unknown_entries("materials", config.materials, known)
     variants_of = functools.cache(weather_variants)  # scenarios share towns
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
@@ -57,8 +59,7 @@ def check_inputs(config: Config, base: Path) -> None:
         attempt(trajectory_file, scenario, base)
         if scenario.traffic is not None:
             attempt(check_package, scenario.traffic.engine, where=f"{where}: traffic.")
-        for pattern, entry in scenario.material_map.items():
-            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry)
+        problems += unknown_entries(f"{where}: materials", scenario.materials, known)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
                 f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "

@@ -214,7 +214,7 @@ def test_what_is_not_there_is_exit_code_2(
         ("weathers=[sunny, snowy]", "presets are sunny, light_rain, rainy"),
         ("air.sunny.variant=snowy", "foggy, rainy, sunny, none of snowy; set air.sunny.variant"),
         ("scenarios.0.town=torn.usda", "USD cannot read"),
-        ("scenarios.0.material_map={/World/*: itu_cheese}", "itu_concrete"),
+        ("scenarios.0.materials={/World/*: itu_cheese}", "itu_concrete"),
         ("scenarios.0.rsus=[]", "[v2v]"),
     ],
 )

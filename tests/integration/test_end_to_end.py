@@ -152,7 +152,7 @@ def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None
     ("change", "part"),
     [
         ("frames.count=500", "outside the stage"),
-        ("scenarios.0.material_map={}", "no radio material"),
+        ("scenarios.0.materials={}", "no radio material"),
         ("scenarios.0.stage=nowhere.usda", "no such file"),
         ("scenarios.0.actor_roles={/World/Nobody: cav}", "/World/Nobody"),
         ("channel.carriers_hz=[105e9]", "105"),

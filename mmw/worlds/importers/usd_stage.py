@@ -90,7 +90,7 @@ class _Reader:
     def material_name(self, mesh_path: str, label: str, prim: Usd.Prim | None) -> str:
         """Return the name of a mesh's material, which is added if it is new."""
         is_known = prim is None or not unknown_row(prim)  # a material map may describe it
-        use = resolve_material(mesh_path, label, prim, {}) if is_known else None
+        use = resolve_material(label, prim) if is_known else None
         if prim is None:
             self.materials.setdefault("no_material", ImportedMaterial("no_material", ""))
             return "no_material"
