@@ -31,7 +31,7 @@ class FoundRow:
 
     row: PermittivityRow
     note: str = ""
-    """What was done where no range of the material has the carrier, such as `extrapolated from 29.5 GHz ...`."""
+    """Said where no range of the material has the carrier, such as `extrapolated from 29.5 GHz ...`; else empty."""
 
 
 def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> FoundRow:

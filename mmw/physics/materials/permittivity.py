@@ -14,6 +14,9 @@ from mmw.physics.materials.material import Material, PermittivityFunction, Radio
 
 LOGGER = logging.getLogger(__name__)
 
+MAX_NAMES = 3
+"""Materials that a note names."""
+
 
 def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str = "") -> complex:
     """Return the complex relative permittivity of a material, for e^{+jwt}; 1 - j inf for a perfect conductor.
@@ -85,31 +88,39 @@ def has_permittivity(radio: RadioMaterial, carrier_hz: float) -> bool:
 def extrapolation_notes(
     materials: Iterable[Material], carriers_hz: Iterable[float], used: Iterable[int] | None = None
 ) -> list[str]:
-    """Return a line for each material and carrier at which the permittivity is not tabulated, and for low carriers.
+    """Return a line for each row and carrier at which the permittivity is not tabulated, and for low carriers.
 
     Args:
         materials: Materials by id.
         carriers_hz: Carrier frequencies [Hz].
         used: Ids that some face has; None means all.
     """
-    by_id, carriers, lines = list(materials), list(carriers_hz), {}
-    for index in range(len(by_id)) if used is None else sorted({int(i) for i in used}):
-        radio, name = by_id[index].radio, by_id[index].name
+    by_id, carriers = list(materials), list(carriers_hz)
+    ids = range(len(by_id)) if used is None else sorted({int(i) for i in used})
+    names: dict[tuple[str, float, str], dict[str, None]] = {}
+    for radio, name in ((by_id[k].radio, by_id[k].name) for k in ids):
         for carrier in carriers if radio.model == "itu" else ():
             if note := permittivity_row(radio.itu, carrier, name).note:
-                lines[f"{name} ({radio.itu}) at {carrier / 1e9:g} GHz: {note}"] = None
-    lines.update(
-        (f"air at {carrier / 1e9:g} GHz: losses of 1 GHz, where P.838, P.840 and P.676 begin", None)
+                names.setdefault((radio.itu, carrier, note), {})[name] = None
+    lines = [f"{_few(found)} ({row}) at {carrier / 1e9:g} GHz: {note}" for (row, carrier, note), found in names.items()]
+    return lines + [
+        f"air at {carrier / 1e9:g} GHz: losses of 1 GHz, where P.838, P.840 and P.676 begin"
         for carrier in carriers
         if carrier < AIR_MIN_HZ
-    )
-    return list(lines)
+    ]
+
+
+def _few(names: Iterable[str]) -> str:
+    """Return the first of some names, and how many more there are."""
+    found = list(names)
+    more = f" and {len(found) - MAX_NAMES} more" if len(found) > MAX_NAMES else ""
+    return ", ".join(found[:MAX_NAMES]) + more
 
 
 def log_extrapolations(
     materials: Iterable[Material], carriers_hz: Iterable[float], used: Iterable[int] | None = None
 ) -> None:
-    """Log what `extrapolation_notes` says, once in a process for each material and carrier."""
+    """Log what `extrapolation_notes` says, each line once in a process."""
     for line in extrapolation_notes(materials, carriers_hz, used):
         _log_once(line)
 

@@ -77,6 +77,8 @@ def test_one_line_for_each_material_and_carrier(caplog: pytest.LogCaptureFixture
         f"asphalt (itu_{row}) at 140 GHz: extrapolated from 29.5 GHz with the exponents of its last row"
         for row in ("very_dry_ground", "wet_ground")
     ]
+    many = [replace(asphalt(), name=name) for name in "abcde"]
+    assert extrapolation_notes(many, [140e9]) == [lines[0].replace("asphalt", "a, b, c and 2 more")]
     assert extrapolation_notes([asphalt(), wet], [28e9, 4.9e9]) == []
     assert extrapolation_notes([asphalt(), wet], [140e9], used=[]) == []
     unique = replace(asphalt(), name="asphalt of this test")
