@@ -233,7 +233,7 @@ def test_inputs_are_checked_before_anything_is_made(
 
 
 def test_dry_run_counts_rays(config_file: Path, capsys: pytest.CaptureFixture) -> None:
-    assert main(["--config", str(config_file), "--dry-run", "--device", "cpu"]) == 0
+    assert main(["--config", str(config_file), "--dry-run", "--quick", "--device", "cpu"]) == 0
     text = capsys.readouterr().out
     assert "3 CAV + 1 RSU" in text
     assert "1.43 M" in text  # 4 x 30,016 + 307,200 + 1,000,000
