@@ -55,7 +55,7 @@ def compare(config: Config, base: Path, device: str, out: Path) -> tuple[float, 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Print one line for each case, and return 1 if one is off by more than 20 %."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Compare what --dry-run foresees with what a run makes.")
     parser.add_argument("--device", default="auto")
     parser.add_argument("--frames", type=int, default=12, help="frames of each case")
     parser.add_argument("--only", default="", help="cases whose name has this text")
