@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -9,6 +10,8 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
+from mmw.core.packed_arrays import PackedArrays, borrow_arrays
+from mmw.core.transfer import scalar_type
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
@@ -64,10 +67,28 @@ class Search:
         rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
         pose = scene.arrays.poses[rows][:, scene.instance_actor]
         self.host_pose = make_pose(pose[..., :3], normalize(pose[..., 3:]))
-        self.pose = wp.array(self.host_pose, dtype=wp.transformd, device=scene.device)
+        self._blocks: list[PackedArrays] = []
+        (self.pose,) = self._upload((self.host_pose, wp.transformd)).arrays
         self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
         self.rank = np.empty(len(links), dtype=np.int32)
         self.rank[self.forward.order] = np.arange(len(links))
+
+    def _upload(self, *parts: tuple[np.ndarray, Any]) -> PackedArrays:
+        """Return arrays on the device until `release`: values and Warp type of each."""
+        layouts = [(values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in parts]
+        block = borrow_arrays(self.scene.device, *layouts)
+        for view, (values, _) in zip(block.host, parts, strict=True):
+            view[...] = values
+        block.upload()
+        self._blocks.append(block)
+        return block
+
+    def release(self) -> None:
+        """Give the arrays on the device back, after the last launch; `forward` and `pose` are gone."""
+        for block in self._blocks:
+            block.release()
+        self._blocks.clear()
+        del self.forward, self.pose
 
     def with_rays(self, rays: int) -> "Search":
         """Return the same search with another number of rays a transmitter."""
@@ -82,16 +103,18 @@ class Search:
 
     def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
         """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""
-        keys = np.concatenate([batch_index[:, None], tx], axis=1)
-        _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-        source = source.reshape(-1).astype(np.int32)
-        order = np.argsort(source, kind="stable")
-        first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
-        sources = Sources(batch_index[first_use].astype(np.int32), tx[first_use], first_link)
-        ends, device, inverse = LinkEnds(), self.scene.device, invert(self.host_pose)[batch_index[order]]
-        ends.batch_index = wp.array(batch_index[order], dtype=wp.int32, device=device)
-        ends.source = wp.array(source[order], dtype=wp.int32, device=device)
-        for name, world in (("tx", tx[order, None]), ("rx", rx[order, None])):
-            local = np.concatenate([transform_points(inverse, world), world], axis=1)
-            setattr(ends, name, wp.array(local, dtype=wp.vec3d, device=device))
-        return SortedLinks(order, sources, ends)
+        order = np.lexsort((tx[:, 2], tx[:, 1], tx[:, 0], batch_index))
+        at, of_batch = tx[order], batch_index[order]
+        is_first = np.ones(len(order), dtype=bool)
+        is_first[1:] = (at[1:] != at[:-1]).any(axis=1) | (of_batch[1:] != of_batch[:-1])
+        first_use = np.flatnonzero(is_first)
+        first_link = np.append(first_use, len(order)).astype(np.int32)
+        sources = Sources(of_batch[first_use].astype(np.int32), at[first_use], first_link)
+        instances = self.host_pose.shape[1]
+        local = np.empty((2, len(order), instances + 1, 3))
+        local[0, :, instances], local[1, :, instances] = at, rx[order]
+        if instances:
+            local[:, :, :instances] = transform_points(invert(self.host_pose)[of_batch], local[:, :, instances:])
+        source = np.cumsum(is_first) - 1
+        block = self._upload((of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d))
+        return SortedLinks(order, sources, block.struct(LinkEnds, "batch_index", "source", "tx", "rx"))

@@ -97,7 +97,10 @@ def trace_links(
     is_pair = np.zeros(len(traced), dtype=bool)
     is_pair[reverse_of[reverse_of >= 0]] = True
     search = Search(scene, links if is_whole else links.take(traced), config, table)
-    found = trace_paths(search, None if is_whole else is_pair)
+    try:
+        found = trace_paths(search, None if is_whole else is_pair)
+    finally:
+        search.release()
     geometry, interactions = _geometry(search, found)
     if config.diffraction and not config.diffraction_lit_region:
         keep = np.ones(len(found), dtype=bool)
@@ -128,11 +131,10 @@ def path_gains(
         diffraction_model: Field of a wedge; `sionna` is for comparisons with Sionna RT.
 
     Raises:
-        InputError: If a material has no permittivity at a carrier.
+        InputError: If a material on a path has no permittivity at a carrier; see `check_channel_materials` for all.
     """
     search, found, geometry = trace.search, trace.found, trace.geometry
     links, table = search.links, search.table
-    check_channel_materials(materials, table.used_materials, config)
     is_whole = len(trace.traced) == len(trace.links)
     own = elements if elements is None or is_whole else elements.take(trace.traced)
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
@@ -294,8 +296,8 @@ def _gains(
         rx_field = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
         tilt = np.array(0.0 if config.polarization == "H" else np.pi / 2)
     else:
-        tx_field = elements.tx.field(geometry.departure, links.tx.rotation, found.link)
-        rx_field = elements.rx.field(geometry.arrival, links.rx.rotation, found.link)
+        rotations = links.tx.rotation, links.rx.rotation
+        tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
         tilt = elements.tx.tilt[found.link]
     elevation = np.pi / 2 - geometry.theta_t
     transfer, a, loss_db = {}, {}, {}

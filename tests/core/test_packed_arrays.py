@@ -1,0 +1,50 @@
+"""Arrays that share one block hold what was put into them, and blocks are used again only after their release."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmw.core.packed_arrays import KEPT_BYTES, borrow_arrays, padded_count
+
+
+@pytest.mark.parametrize("rows", [5, KEPT_BYTES // 8 + 1])
+def test_a_block_goes_to_the_device_and_back(device, rows):
+    block = borrow_arrays(device, ((rows,), wp.int32), ((rows, 2), wp.vec3d))
+    block.host[0][...], block.host[1][...] = 3, 0.5
+    numbers, points = block.upload()
+    np.testing.assert_array_equal(points.numpy(), np.full((rows, 2, 3), 0.5))
+    numbers.fill_(4)
+    found = block.download()
+    assert (found[0] == 4).all() and (found[1] == 0.5).all()
+    block.release()
+
+
+def test_only_released_blocks_are_used_again(device):
+    layouts = ((11,), wp.float32), ((13,), wp.uint8)
+    one, other = borrow_arrays(device, *layouts), borrow_arrays(device, *layouts)
+    assert one.arrays[0].ptr != other.arrays[0].ptr
+    other.release()
+    assert borrow_arrays(device, *layouts) is other
+    assert borrow_arrays(device, *layouts) not in (one, other)
+    large = borrow_arrays(device, ((KEPT_BYTES + 1,), wp.uint8))
+    large.release()
+    assert borrow_arrays(device, ((KEPT_BYTES + 1,), wp.uint8)) is not large
+
+
+def test_an_array_keeps_its_block_alive(device):
+    block = borrow_arrays(device, ((KEPT_BYTES,), wp.float64), ((0, 3), wp.vec3d))
+    block.host[0][...] = np.arange(KEPT_BYTES)
+    array, nothing = block.upload()
+    del block
+    others = [borrow_arrays(device, ((KEPT_BYTES,), wp.float64), ((0, 3), wp.vec3d)) for _ in range(5)]
+    for other in others:
+        other.host[0][...] = -1.0
+        other.upload()
+    np.testing.assert_array_equal(array.numpy(), np.arange(KEPT_BYTES))
+    assert nothing.shape == (0, 3)
+
+
+@pytest.mark.parametrize("count", [1, 64, 65, 1000, KEPT_BYTES + 3])
+def test_padded_counts_are_few_and_large_enough(count):
+    assert count <= padded_count(count) <= max(64, 2 * count)
+    assert padded_count(count) in (64, 128, 1024, KEPT_BYTES + 3)
