@@ -29,7 +29,7 @@ CASES: dict[str, tuple[str, ...]] = {
         "quickstart", RADIO, "channel={candidates: launch, samples_per_tx: 100000, max_depth: 2, links: [v2i, v2v]}"
     ),
     "crossroad, dense, v2v": (
-        "town10_crossroad", RADIO, "channel={candidates: exhaustive, links: [v2v]}",
+        "town10_crossroad", RADIO, "channel={samples_per_tx: 100000, links: [v2v]}",
         "scenarios.0.traffic.cav_ranks=[0, 1, 2, 3, 4, 5]",
     ),
     "small pictures": (

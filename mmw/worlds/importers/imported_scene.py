@@ -61,4 +61,4 @@ class ImportedScene:
     components: frozenset[str] = frozenset()
     """Paths that the source itself declares as components; others follow from the hierarchy."""
     notice: str = ""
-    """What has to be named with data of this source, such as its license; empty if that is not known."""
+    """Text that has to be named with data of this source, such as its license; empty if that is not known."""
