@@ -26,7 +26,9 @@ NOTICE = (
     "contains information from OpenStreetMap, (c) OpenStreetMap contributors, which is made available under the Open "
     "Database License (ODbL) 1.0: https://www.openstreetmap.org/copyright"
 )
-"""Text that has to be named with the data. Source: ODbL 1.0, section 4.3, and the attribution guidelines of the OSM Foundation."""
+"""Text that has to be named with the data.
+
+Source: ODbL 1.0, section 4.3, and the attribution guidelines of the OSM Foundation."""
 
 
 def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> ImportedScene:
