@@ -56,7 +56,14 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
         help="resume although the shards that are there were made with other versions of mmw or its packages "
         "(versions), or on another kind of machine (machine); may be repeated",
     )
-    result.add_argument("--dry-run", action="store_true", help="print frames, rays and bytes of the dataset and stop")
+    result.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="trace some frames, print rows, bytes, rays and notes that the whole dataset would have, and stop",
+    )
+    result.add_argument(
+        "--quick", action="store_true", help="with --dry-run: trace nothing, and guess the bytes from other scenarios"
+    )
     result.add_argument(
         "--print-config", action="store_true", help="print the resolved configuration with every default and stop"
     )
@@ -82,6 +89,8 @@ def _run(arguments: argparse.Namespace) -> None:
         raise InputError(
             "--config FILE is missing; a first one to try is --config quickstart; `mmw configs` lists more"
         )
+    if arguments.quick and not arguments.dry_run:
+        raise InputError("--quick goes with --dry-run; add it, or remove --quick")
     workers = arguments.workers
     options = {
         "output.dir": arguments.out,
@@ -96,7 +105,7 @@ def _run(arguments: argparse.Namespace) -> None:
     if arguments.print_config:
         print(to_yaml(config), end="")
     elif arguments.dry_run:
-        print(describe_config(config, path.parent, path, arguments.shard))
+        print(describe_config(config, path.parent, path, arguments.shard, is_quick=arguments.quick))
     else:
         how = {name: getattr(arguments, name) for name in ("overwrite", "shard", "accept")}
         run_config(config, path.parent, path, **how)

@@ -6,7 +6,7 @@ from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
 from mmw.config.lens import LensConfig
 from mmw.config.load import load_config
-from mmw.config.material_map import MaterialEntry
+from mmw.config.material_map import MaterialChanges, MaterialEntry
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
@@ -16,6 +16,6 @@ from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
-    "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig",
-    "TrafficConfig", "config_path", "load_config",
+    "LensConfig", "MaterialChanges", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig",
+    "SensorConfig", "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

@@ -9,6 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from mmw.config.air import AirConfig, resolve_air
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
+from mmw.config.material_map import MaterialEntry, merged_maps
 from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
@@ -31,6 +32,11 @@ class Config(Section):
     )
     seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
     sensors: tuple[AnySensor, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
+    materials: dict[str, MaterialEntry] = Field(
+        default_factory=dict,
+        description="glob of prim path or material name, or `label:` and a class -> material that the meshes get in "
+        "every scenario: a radio material (`itu_brick`), or properties (map)",
+    )
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
     compute: ComputeConfig = Field(default_factory=ComputeConfig, description="device and batches (section)")
@@ -80,6 +86,10 @@ class Config(Section):
         """Return the frames of a scenario."""
         return self.frames or scenario.frames or FramesConfig()
 
+    def materials_of(self, scenario: ScenarioConfig) -> dict[str, MaterialEntry]:
+        """Return the material map of a scenario: its own entries, then those of the whole configuration."""
+        return merged_maps(scenario.materials, self.materials)
+
     @property
     def variants(self) -> dict[str, tuple[str, ...]]:
         """Weather -> variants of a stage's materials that can represent it, the best first."""
@@ -91,9 +101,12 @@ class Config(Section):
         return len(self.weathers) * sum(self.frames_of(scenario).count for scenario in self.scenarios)
 
     def identity(self) -> dict[str, Any]:
-        """Return what decides the bytes of the data: everything but where they go, and `compute`."""
+        """Return what decides the bytes of the data: everything but where they go, their
+        license, and `compute`."""
         data = self.model_dump(mode="json")
-        del data["compute"], data["output"]["dir"], data["output"]["staging"]
+        del data["compute"]
+        for key in ("dir", "staging", "license", "notices"):
+            del data["output"][key]
         return data
 
     def sha256(self) -> str:

@@ -1,8 +1,10 @@
 """`output`: where the tables go and how they are cut into files."""
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from mmw.config.section import PathText, Section
+from mmw.core.errors import InputError
+from mmw.core.licenses import license_name
 
 
 class OutputConfig(Section):
@@ -20,3 +22,18 @@ class OutputConfig(Section):
     shard_frames: int = Field(
         default=100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
     )
+    license: str = Field(
+        default="CC-BY-4.0",
+        description="license of the data, written into the dataset: SPDX identifier, or text (name)",
+    )
+    notices: tuple[str, ...] = Field(
+        default=(), description="what has to be named with the data, besides the notices of imported towns (texts)"
+    )
+
+    @field_validator("license")
+    @classmethod
+    def _spelled(cls, value: str) -> str:
+        try:
+            return license_name(value)
+        except ValueError as error:
+            raise InputError(str(error)) from None

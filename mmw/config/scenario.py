@@ -132,10 +132,10 @@ class ScenarioConfig(Section):
         default_factory=dict,
         description="with `stage`: prim path -> role, where the stage has no `mmw:actor:role` (map)",
     )
-    material_map: dict[str, MaterialEntry] = Field(
+    materials: dict[str, MaterialEntry] = Field(
         default_factory=dict,
-        description="glob of prim path or material name -> radio material (`itu_concrete`), or an entry of a material "
-        "map, for prims without `mmw:radio:*` (map)",
+        description="`materials` of this scenario, before those of the configuration; the first pattern that matches a "
+        "mesh counts (map)",
     )
     description: str = Field(default="", description="what is there, for people (text)")
 

@@ -64,3 +64,11 @@ def read_bytes(root: Path | PurePosixPath, name: str, filesystem: pafs.FileSyste
             return stream.read()
     except (pa.ArrowException, OSError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}; check address and credentials") from error
+
+
+def read_text(root: Path | PurePosixPath, name: str, filesystem: pafs.FileSystem | None) -> str:
+    """Return the content of a text file of a dataset, such as `LICENSE`; empty if there is none."""
+    if filesystem is not None:
+        return (read_bytes(root, name, filesystem) or b"").decode("utf-8", "replace")
+    path = Path(root) / name
+    return path.read_text("utf-8", "replace") if path.is_file() else ""

@@ -1,9 +1,13 @@
-"""Warn of settings that are allowed but probably unintended, one line each."""
+"""Warn of settings that are allowed but probably unintended, one line each: above all of what finds nothing here."""
 
 from collections.abc import Iterator
 
+import numpy as np
+
+from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
 from mmw.config.sensor_spec import spec_of
+from mmw.physics.materials.permittivity import extrapolation_notes
 from mmw.scene.scene_data import SceneData
 
 
@@ -28,5 +32,38 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
                 f"sensors: {sensor.name} samples frames 0, {period}, {2 * period}, ...; none of "
                 f"{frames.start} to {frames.stop - 1} is one: no rows of it"
             )
+    yield from arrays.material_notes
+    if config.channel.enabled:
+        yield from _channel_warnings(arrays, config)
     if any(spec_of(sensor).needs_appearance for sensor in config.sensors):
         yield from arrays.look_notes
+
+
+def wedge_warnings(surfaces: SurfaceTable | None) -> Iterator[str]:
+    """Yield a warning if diffraction has no edge; only a scene on a device knows its edges."""
+    if surfaces is not None and surfaces.has_wedges and not len(surfaces.wedges):
+        yield "channel.diffraction finds nothing: no two surfaces of the scene meet at a convex edge"
+
+
+def _channel_warnings(arrays: SceneData, config: Config) -> Iterator[str]:
+    """Yield warnings of interactions that nothing in the scene has, and of values that no table has."""
+    channel = config.channel
+    used = np.unique(np.concatenate([arrays.material, *(model.material for model in arrays.models)]))
+    radios = [by_id[k].radio for by_id in arrays.materials.values() for k in used.tolist()]
+    for switch, field, has, cure in (
+        ("diffuse_reflection", "scattering", "a scattering coefficient", "scattering: 0.3"),
+        ("refraction", "thickness", "a thickness", "thickness: 0.2"),
+    ):
+        if getattr(channel, switch) and not any(getattr(radio, field) > 0.0 for radio in radios):
+            yield (
+                f"channel.{switch} finds nothing: no material of the scene has {has}; give one, such as "
+                f"materials={{'label:building': {{{cure}}}}}"
+            )
+    switches = ("specular_reflection", "refraction", "diffraction", "diffuse_reflection")
+    if channel.max_depth == 0 and any(getattr(channel, name) for name in switches[1:]):
+        listed = ", ".join(name for name in switches[1:] if getattr(channel, name))
+        yield f"channel.max_depth = 0 leaves the line of sight alone: {listed} finds nothing"
+    if not (channel.los or any(getattr(channel, name) for name in switches)):
+        yield "channel: los and all interactions are switched off: no paths"
+    by_weather = (extrapolation_notes(by_id, channel.carriers_hz, used) for by_id in arrays.materials.values())
+    yield from dict.fromkeys(line for lines in by_weather for line in lines)  # most are those of every weather

@@ -1,7 +1,7 @@
 """Check the inputs of a configuration, and estimate its frames, rays and bytes before tracing."""
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,16 @@ from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.progress import si
-from mmw.physics.weather.weather import choose_variant
+from mmw.generation.sample_run import SAMPLE_PLACES, SampledScenario, table_lines, total
+from mmw.physics.weather.weather import PRESETS, choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
 from mmw.usd.actors import find_actors
-from mmw.usd.material_entries import unknown_names
+from mmw.usd.material_entries import unknown_entries
 from mmw.usd.open_stage import open_stage, usd_errors
 
 PATH_BYTES = 134.0
-"""Bytes of one radio path at one carrier, measured on town03."""
+"""Bytes of one radio path at one carrier, measured on town03. It and the next are for estimates without a trace."""
 
 PATHS_PER_LINK = 2.5
 """Paths of a link at first order, measured on town03; a link without any counts too. Every order more adds one."""
@@ -50,6 +51,8 @@ def check_inputs(config: Config, base: Path) -> None:
         except InputError as error:
             problems.append(f"{where}{error}")
 
+    known = {**config.air, **PRESETS}
+    problems += unknown_entries("materials", config.materials, known)
     variants_of = functools.cache(weather_variants)  # scenarios share towns
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
@@ -57,8 +60,7 @@ def check_inputs(config: Config, base: Path) -> None:
         attempt(trajectory_file, scenario, base)
         if scenario.traffic is not None:
             attempt(check_package, scenario.traffic.engine, where=f"{where}: traffic.")
-        for pattern, entry in scenario.material_map.items():
-            problems += unknown_names(f"{where}: material_map[{pattern!r}]", entry)
+        problems += unknown_entries(f"{where}: materials", scenario.materials, known)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
                 f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
@@ -105,8 +107,15 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     return {"cav": cavs, "rsu": len(scenario.rsus), "vehicles": traffic.vehicle_count, "boxes": boxes}
 
 
-def describe_plan(config: Config, base: Path, device: str) -> str:
+def describe_plan(config: Config, base: Path, device: str, samples: Sequence[SampledScenario] = ()) -> str:
     """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
+
+    Args:
+        config: The configuration.
+        base: Folder that relative paths start from.
+        device: Device that would trace.
+        samples: Traced frames of each scenario, from which rows and bytes follow; without, the bytes are those of the
+            paper's scenarios.
 
     Raises:
         InputError: If a stage of the user's own cannot be read.
@@ -132,6 +141,12 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
         )
     if config.channel.enabled and config.channel.candidates == "exhaustive":
         lines.append("  channel: no rays; every surface is tried for every link")
+    if samples:
+        total_bytes = sum(total(sample.bytes) for sample in samples)
+        lines += [f"tables, from {len(SAMPLE_PLACES)} or more traced frames of each scenario:", *table_lines(samples)]
+        lines += [f"note: {line}" for line in dict.fromkeys(line for sample in samples for line in sample.notes)]
+    else:
+        lines.append("no frame was traced: bytes are those of the paper's scenarios, and notes are left out")
     lines.append(
         f"total: {si(total_rays)}rays traced once for all weathers, tables of about {si(total_bytes)}B "
         f"in {config.output.dir}"

@@ -10,7 +10,7 @@ from mmw.generation.continuation import MACHINE, check_continuation, is_outdated
 from mmw.generation.executors.executor import Executor
 from mmw.generation.executors.process_pool import MIN_FRAMES_PER_WORKER
 from mmw.generation.progress import Console, closing_summary
-from mmw.generation.provenance import versions, write_config
+from mmw.generation.provenance import versions, write_config, write_license
 from mmw.generation.shards import Partition, all_work, part_of, pending_work, planned_keys
 from mmw.generation.worker import GenerationContext
 from mmw.scene.input_files import hash_inputs
@@ -54,6 +54,7 @@ def generate_dataset(
             anew = overwrite or (part.count == 1 and is_outdated(root, sha256, inputs, now))
             prepare_root(root, config.identity(), sha256, now, anew, inputs)
         write_config(config, base, root)
+        write_license(config, base, root)
         everything = all_work(config)
         plan = planned_keys(everything)
         check_foreign_files(root, plan)

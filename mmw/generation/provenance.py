@@ -5,14 +5,17 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+from mmw import __version__
 from mmw.config import Config
 from mmw.config.input_paths import input_places
 from mmw.config.load import load_config, to_yaml
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
+from mmw.core.licenses import license_file
 from mmw.generation.software import own_software, software_of
 from mmw.scene.input_files import hash_shipped_towns
-from mmw.storage.manifest import CONFIG, read_dataset
+from mmw.scene.sources import scenario_source, source_notices
+from mmw.storage.manifest import CONFIG, LICENSE, NOTICE, read_dataset
 from mmw.storage.store import Root, store_of
 
 
@@ -35,6 +38,25 @@ def write_config(config: Config, base: Path, root: Root) -> None:
         "# To make the same data again: python -m mmw.run --config THIS_FILE --out ANOTHER_FOLDER\n"
     )
     store.write_atomically(CONFIG, (text + to_yaml(Config.model_validate(data))).encode())
+
+
+def write_license(config: Config, base: Path, root: Root) -> None:
+    """Write `LICENSE` and `NOTICE` of the data into the dataset, in the place of other ones.
+
+    Raises:
+        InputError: If a stage or a town does not exist, or USD cannot read it.
+    """
+    store = store_of(root)
+    lines = [f"Made with mmw {__version__} (multimodal-wireless, Apache-2.0)."]
+    for scenario in config.scenarios:
+        lines += [f"Scenario {scenario.name}: {line}" for line in source_notices(scenario_source(scenario, base))]
+    lines += config.output.notices
+    for name, text in (
+        (LICENSE, license_file(config.output.license)),
+        (NOTICE, "Notices of this dataset\n\n" + "".join(f"- {line}\n" for line in lines)),
+    ):
+        if store.read(name) != text.encode():
+            store.write_atomically(name, text.encode())
 
 
 def stored_config(root: Root) -> Config:

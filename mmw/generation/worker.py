@@ -15,7 +15,7 @@ from mmw.core.cuda import retain_memory, use_blocking_sync
 from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind, start_warp
 from mmw.core.errors import InputError
 from mmw.core.temp_files import Owner
-from mmw.generation.configuration_warnings import configuration_warnings
+from mmw.generation.configuration_warnings import configuration_warnings, wedge_warnings
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
 from mmw.generation.precompile import compiled_ahead, warm_up
 from mmw.generation.progress import Reporter
@@ -155,12 +155,14 @@ class Worker:
             stage = cached_stage(context.config, scenario, context.base, context.root, inputs)
         with timer.stage("scene"):
             arrays = self._read(scenario, stage)
-            for line in configuration_warnings(arrays, context.config, scenario):
+            notes = list(configuration_warnings(arrays, context.config, scenario))
+            for line in notes:
                 self._reporter.warn_once(line)
             if pending_scenarios(context.root, [scenario.name]):
                 frames = context.config.frames_of(scenario)
                 actors = actor_presence(arrays, range(frames.start, frames.stop))
-                write_scenario(context.root, scenario.name, static_rows(arrays, context.config), self._meta, actors)
+                rows = static_rows(arrays, context.config)
+                write_scenario(context.root, scenario.name, rows, self._meta, actors, notes)
         if not on_device:
             return None
         with timer.stage("kernels"):
@@ -172,7 +174,7 @@ class Worker:
         with timer.stage("scene"):
             max_frames = min(context.config.compute.batch_frames, context.config.output.shard_frames)
             batch = make_batch(context.config, scenario, arrays, self._device, max_frames, self._pool, timer)
-        for line in batch.texture_notes():
+        for line in (*wedge_warnings(batch.surfaces), *batch.texture_notes()):
             self._reporter.warn_once(line)
         return batch
 

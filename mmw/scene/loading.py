@@ -1,6 +1,7 @@
 """Load a scene from a shipped town, a configuration, a USD stage, or a file of another tool."""
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ from pxr import Usd
 from pydantic import ValidationError
 
 from mmw.config import Config, ScenarioConfig, load_config
-from mmw.config.material_map import MaterialEntry
+from mmw.config.material_map import MaterialEntry, merged_maps
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.resources import shipped_towns, town_path
@@ -18,12 +19,15 @@ from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.scene import Scene
-from mmw.usd.material_entries import unknown_names
+from mmw.scene.scene_data import SceneData
+from mmw.usd.material_entries import unknown_entries
 from mmw.usd.open_stage import open_stage, reads_usd
 from mmw.worlds.importers.formats import IMPORTERS, read_scene
 from mmw.worlds.importers.material_map import apply_material_map
 from mmw.worlds.importers.mesh_cleanup import check_scene
 from mmw.worlds.importers.write_asset import write_scene
+
+LOGGER = logging.getLogger(__name__)
 
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 CONFIG_SUFFIXES = (".yaml", ".yml")
@@ -44,7 +48,7 @@ def load_scene(
     frame: int | None = None,
     frames: range | None = None,
     weather: Weathers | None = None,
-    material_map: Mapping[str, Any] | None = None,
+    materials: Mapping[str, Any] | None = None,
     actor_roles: Mapping[str, str] | None = None,
     base: str | Path = ".",
     device: str = "auto",
@@ -60,8 +64,9 @@ def load_scene(
         frames: Frames of a stage to read; None for all of them. A configuration has its own.
         weather: Name of a preset (`sunny`, `rainy`, ...) or of a weather of the configuration; several; a `Weather`; or
             names with their values. None is the first weather of a configuration, otherwise `sunny`.
-        material_map: Glob of mesh prim path or material name -> radio material such as `itu_concrete`, or an entry of a
-            material map, for meshes without a radio material.
+        materials: Glob of mesh prim path or material name, or `label:` and a class -> radio material such as
+            `itu_concrete`, or properties as in `materials` of a configuration, whatever the source says; it comes
+            before `materials` of a configuration.
         actor_roles: Of a stage: prim path -> `cav`, `vehicle`, `rsu` or `pedestrian`.
         base: Folder that relative paths in a `Config` start from.
         device: Warp device: `auto`, `cpu` or `cuda:N`.
@@ -86,9 +91,9 @@ def load_scene(
     if is_config:
         config = source if isinstance(source, Config) else load_config(source)
         base = Path(base) if isinstance(source, Config) else Path(source).parent
-        return _from_config(config, base, scenario or "", frame, weather, material_map, device)
+        return _from_config(config, base, scenario or "", frame, weather, materials, device)
     weathers = _weathers("sunny" if weather is None else weather, {})
-    entries, files = _entries(material_map), None
+    entries, files = _entries(materials, weathers), None
     path, name = Path(source), Path(source).name.split(".")[0]
     is_town = str(source) in shipped_towns() and not path.is_file()
     if options and (is_town or str(source).lower().endswith(USD_SUFFIXES)):
@@ -97,10 +102,11 @@ def load_scene(
         path = town_path(str(source))
     elif not str(source).lower().endswith(USD_SUFFIXES):
         files = TemporaryFolder("mmw_scene_")
-        path = _imported(path, files.path, entries, options)
+        path, entries = _imported(path, files.path, entries, options), {}
     variants = {key: values.variants(key) for key, values in weathers.items()}
     wanted = _stage_frames(path, frames, frame)
     data = read_stage(path, wanted, variants, roles=actor_roles, material_map=entries)
+    _log_notes(data)
     return Scene(data, weathers, frame=frame, device=device, name=name, files=files)
 
 
@@ -110,16 +116,16 @@ def _from_config(
     name: str,
     frame: int | None,
     weather: Weathers | None,
-    material_map: Mapping[str, Any] | None,
+    materials: Mapping[str, Any] | None,
     device: str,
 ) -> Scene:
     """Return a scenario of a configuration with its traffic, as `mmw run` traces it."""
     scenario = config.scenario(name)
-    if material_map is not None:
-        merged = {**scenario.material_map, **_entries(material_map)}
-        scenario = ScenarioConfig.model_validate({**scenario.model_dump(), "material_map": merged})
     own = {key: air.weather(key) for key, air in config.air.items()}
     weathers = _weathers(config.weathers[0] if weather is None else weather, own)
+    if materials is not None:
+        merged = merged_maps(_entries(materials, {**own, **weathers}), scenario.materials)
+        scenario = scenario.model_copy(update={"materials": merged})
     files = TemporaryFolder("mmw_scene_")
     stage = prepare_scenario(config, scenario, base, files.path)
     # Material ids count the materials of all weathers together: those of a run need all of its weathers.
@@ -128,8 +134,9 @@ def _from_config(
         variants = {**config.variants, **others}
         data = read_stage(
             stage, _inner(config, scenario), variants, margin=1, roles=scenario.actor_roles,
-            material_map=scenario.material_map,
+            material_map=config.materials_of(scenario),
         )  # fmt: skip
+    _log_notes(data)
     first = config.frames_of(scenario).start if frame is None else frame
     return Scene(data, weathers, frame=first, device=device, name=scenario.name, seed=config.seed, files=files)
 
@@ -158,24 +165,29 @@ def _weathers(weather: Weathers, own: Mapping[str, Weather]) -> dict[str, Weathe
     return {name: known[name] for name in names}
 
 
-def _entries(material_map: Mapping[str, Any] | None) -> dict[str, MaterialEntry]:
+def _entries(materials: Mapping[str, Any] | None, weathers: Collection[str]) -> dict[str, MaterialEntry]:
     """Return the entries of a material map.
 
     Raises:
-        InputError: If a key, a radio material or a label is not known.
+        InputError: If a key, a radio material, a label or a weather is not known.
     """
     entries = {}
-    for pattern, value in (material_map or {}).items():
-        where = f"material_map[{pattern!r}]"
+    for pattern, value in (materials or {}).items():
+        where = f"materials[{pattern!r}]"
         try:
             entries[pattern] = MaterialEntry.model_validate(value)
         except ValidationError as error:
             problem = error.errors()[0]
             key = ".".join(map(str, problem["loc"]))
             raise InputError(f"{where}: {key}{': ' if key else ''}{problem['msg']}; correct it") from None
-        if problems := unknown_names(where, entries[pattern]):
-            raise InputError("\n  ".join(problems))
+    if problems := unknown_entries("materials", entries, {**dict.fromkeys(weathers), **PRESETS}):
+        raise InputError("\n  ".join(problems))
     return entries
+
+
+def _log_notes(data: SceneData) -> None:
+    for line in data.material_notes:
+        LOGGER.warning(line)
 
 
 def _imported(path: Path, folder: Path, entries: dict[str, MaterialEntry], options: dict[str, Any]) -> Path:

@@ -164,7 +164,7 @@ def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int
         range(frame, frame + 1),
         {weather: config.variants[weather]},
         roles=scenario.actor_roles,
-        material_map=scenario.material_map,
+        material_map=config.materials_of(scenario),
     )
 
 
@@ -181,5 +181,5 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
         config.variants,
         margin=1,
         roles=scenario.actor_roles,
-        material_map=scenario.material_map,
+        material_map=config.materials_of(scenario),
     )

@@ -23,6 +23,8 @@ from mmw.usd.semantics import CARLA_TAG
 WEATHER = "weather"
 """Name of the variant set that changes materials."""
 
+MAX_NAMES = 20
+"""Most names of materials that a note lists."""
 
 Triple = tuple[float, float, float]
 
@@ -50,8 +52,8 @@ def read_stage(
             weather -> variants that can stand for it, of which each set selects the first that it has.
         margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
         roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
-        material_map: Glob of mesh prim paths or material names -> what a mesh is that has no radio material, or no
-            class.
+        material_map: Glob of mesh prim paths or material names, or `label:` and one of classes -> what a mesh is,
+            whatever the stage says.
 
     Returns:
         The scene in the world frame (z up, meters).
@@ -98,14 +100,15 @@ def read_stage(
         listed = "\n  ".join(reader.unresolved)
         raise InputError(
             f"{name}: {len(reader.unresolved)} prims have no radio material; bind one with mmw:radio:* attributes, or "
-            f"give `material_map` (prim path glob -> itu_concrete, ...):\n  {listed}"
+            f"give `materials` (prim path glob -> itu_concrete, ...):\n  {listed}"
         )
     if not static and not any(moving):
         raise InputError(
             f"{name}: the stage has no visible mesh; a scene needs at least one; check purpose and visibility"
         )
     materials, ids = _materials(stage, switches, reader, variants)
-    return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes))
+    notes = _idle_patterns(reader)
+    return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), notes)
 
 
 def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:
@@ -167,7 +170,7 @@ def _materials(
     columns, uses = {}, list(reader.uses)
     for weather, names in variants.items():
         _select(stage, switches, names)
-        columns[weather] = read_materials(stage, uses, reader.notes, reader.copies)
+        columns[weather] = read_materials(stage, uses, reader.notes, reader.copies, reader.material_map, weather)
         for use, material in zip(uses, columns[weather], strict=True):
             if material.appearance.textures and not material.appearance.has_uv:
                 reader.notes[
@@ -181,6 +184,18 @@ def _materials(
     unique = list(dict.fromkeys(rows[k] for k in order))
     ids = np.array([unique.index(row) for row in rows], dtype=np.int32)
     return {weather: tuple(row[w] for row in unique) for w, weather in enumerate(variants)}, ids
+
+
+def _idle_patterns(reader: PartReader) -> tuple[str, ...]:
+    """Return a line for each pattern of the material map that decides about no mesh."""
+    names = sorted({use.name for use in reader.uses})
+    listed = ", ".join(names[:MAX_NAMES]) + (", ..." if len(names) > MAX_NAMES else "")
+    return tuple(
+        f"materials[{pattern!r}] decides nothing: no mesh has such a prim path, material or class, or an "
+        f"earlier pattern matches it too; materials here are {listed}"
+        for pattern in reader.material_map
+        if pattern not in reader.matched
+    )
 
 
 def _join(parts: list[Part], ids: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -225,6 +240,7 @@ def _assemble(
     materials: dict[str, tuple[Material, ...]],
     ids: np.ndarray,
     look_notes: tuple[str, ...],
+    material_notes: tuple[str, ...],
 ) -> SceneData:
     names = [material.name for material in next(iter(materials.values()), ())] or [""] * (int(ids.max(initial=0)) + 1)
 
@@ -272,7 +288,7 @@ def _assemble(
     surface = find_surfaces(points, faces, object_id, material)
     return SceneData(
         points, faces, material, object_id, surface, tuple(models), tuple(actors), frames, poses, materials,
-        tuple(objects), *_join_corners(static), look_notes,
+        tuple(objects), *_join_corners(static), look_notes, material_notes=material_notes,
     )  # fmt: skip
 
 

@@ -131,6 +131,8 @@ class SceneData:
     """Notes for users of the RGB camera on the stage's materials, one line each."""
     sensing: frozenset[str] | None = None
     """Names of the agents whose sensors are traced; None for all of them."""
+    material_notes: tuple[str, ...] = ()
+    """Notes on the user's material map, one line each."""
 
     def __post_init__(self) -> None:
         _fill_corners(self, "the town")

@@ -8,6 +8,7 @@ from mmw.config import ScenarioConfig
 from mmw.config.scenario import TOWN_SUFFIXES
 from mmw.core.errors import InputError
 from mmw.core.resources import town_path
+from mmw.usd.notices import read_notices
 from mmw.usd.open_stage import open_stage, reads_usd
 
 
@@ -52,6 +53,16 @@ def trajectory_file(scenario: ScenarioConfig, base: Path) -> Path | None:
         return None
     value = scenario.traffic.trajectories
     return _existing(scenario, base, "traffic.trajectories", value, "a .parquet, .csv or .xml table")
+
+
+@reads_usd
+def source_notices(source: Path) -> list[str]:
+    """Return what has to be named with a stage or a town: the notices that imports wrote into its layers.
+
+    Raises:
+        InputError: If USD cannot read the file.
+    """
+    return read_notices(open_stage(source))
 
 
 @reads_usd

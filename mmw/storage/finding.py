@@ -12,9 +12,9 @@ class Finding:
 
     kind: str
     """missing, unreadable, size, sha256, parquet, rows, schema, key, duplicate, value, orphan, foreign, config, inputs,
-    versions, marker, manifest, count, friis, sight, box, regenerated: the data is incomplete or wrong. temporary: a
-    file of a killed run that no reader takes and a rerun removes. mixed: shards of several versions or kinds of
-    machine, which the one who ran them accepted. note: anything that could not be checked."""
+    versions, license, marker, manifest, count, friis, sight, box, regenerated: the data is incomplete or wrong.
+    temporary: a file of a killed run that no reader takes and a rerun removes. mixed: shards of several versions or
+    kinds of machine, which the one who ran them accepted. note: anything that could not be checked."""
     path: str
     """File, relative to the dataset folder."""
     text: str

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
+from mmw.core.licenses import OWN, license_of
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
 from mmw.storage.foreign_files import check_foreign_files
@@ -34,6 +35,8 @@ MAX_NUMBER, MAX_FRAME = 2**63, 2**31 - 1
 _META_TYPES = {"seconds": int | float}
 """Metadata of a marker that is no text."""
 CARD = "README.md"
+LICENSE, NOTICE = "LICENSE", "NOTICE"
+"""License of the data, and what has to be named with them; written by `mmw.generation.provenance`."""
 CONFIG = "config.yaml"
 """The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
 
@@ -89,7 +92,9 @@ def prepare_root(
                 "a dataset needs an empty or new folder; give another --out"
             )
     elif overwrite or _is_other_and_empty(store, config_sha256, inputs):
-        store.remove((*folders(), MANIFEST, CARD, CONFIG))  # markers first, so that a kill leaves no false marker
+        store.remove(
+            (*folders(), MANIFEST, CARD, CONFIG, LICENSE, NOTICE)
+        )  # markers first, so that a kill leaves no false marker
     else:
         check_same(store, read_dataset(store), config_identity, config_sha256, inputs)
         _start_writing(store, None)
@@ -231,7 +236,8 @@ def finalize(root: Root, plan: Iterable[ShardKey | str] | None = None) -> dict[s
         InputError: If there is one.
     """
     store = store_of(root)
-    head, manifest = read_dataset(store), manifest_rows(read_markers(store))
+    head, markers = read_dataset(store), read_markers(store)
+    manifest = manifest_rows(markers)
     if plan is not None:
         check_foreign_files(store, plan, set(manifest.column("path").to_pylist()))
     buffer = io.BytesIO()
@@ -243,7 +249,8 @@ def finalize(root: Root, plan: Iterable[ShardKey | str] | None = None) -> dict[s
         entry["files"] += 1
         entry["rows"] += row["rows"]
         entry["bytes"] += row["bytes"]
-    store.write_atomically(CARD, dataset_card(head, tables).encode())
+    card = dataset_card(head, tables, read_license(store), notes_of(markers))
+    store.write_atomically(CARD, card.encode())
     totals = {name: sum(entry[name] for entry in tables.values()) for name in ("files", "rows", "bytes")}
     return {"tables": dict(tables), **totals}
 
@@ -262,8 +269,40 @@ def manifest_rows(markers: Iterable[Mapping[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist(rows, schema=_MANIFEST_SCHEMA)
 
 
-def dataset_card(head: Mapping[str, Any], tables: Mapping[str, Mapping[str, int]]) -> str:
-    """Return the text of the dataset card: one Hugging Face configuration per table, and a list of the tables."""
+def read_license(root: Root) -> str:
+    """Return the SPDX identifier of a dataset's license, empty for a dataset that names none."""
+    data = store_of(root).read(LICENSE)
+    return "" if data is None else license_of(data.decode("utf-8", "replace"))
+
+
+def hub_license(identifier: str) -> str:
+    """Return a license as the metadata of a card names it on the Hugging Face Hub."""
+    return "other" if identifier == OWN else identifier.lower()
+
+
+def notes_of(markers: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """Return the notes that a run wrote down, by scenario; see `write_scenario`."""
+    return {marker["scenario"]: [str(line) for line in marker["notes"]] for marker in markers if marker.get("notes")}
+
+
+def dataset_card(
+    head: Mapping[str, Any],
+    tables: Mapping[str, Mapping[str, int]],
+    license_id: str = "",
+    notes: Mapping[str, Iterable[str]] | None = None,
+) -> str:
+    """Return the text of the dataset card: one Hugging Face configuration per table, and a list of the tables.
+
+    Args:
+        head: Content of `dataset.json`.
+        tables: Table -> files, rows and bytes.
+        license_id: SPDX identifier of the license.
+        notes: Scenario -> what users should know of it.
+    """
+    licensed = f"license: {hub_license(license_id)}\n" if license_id else ""
+    said = f"License: {license_id}, see `{LICENSE}` and `{NOTICE}`.\n\n" if license_id else ""
+    listed = "".join(f"- {name}: {line}\n" for name, lines in (notes or {}).items() for line in lines)
+    listed = f"## Notes\n\n{listed}\n" if listed else ""
     configs = "".join(f"- config_name: {name}\n  data_files: {name}/**/*.parquet\n" for name in tables)
     rows = "".join(
         f"| {name} | {TABLES[name].doc if name in TABLES else ''} | {t['rows']:,} | {t['bytes'] / 1e6:,.1f} |\n"
@@ -271,7 +310,7 @@ def dataset_card(head: Mapping[str, Any], tables: Mapping[str, Mapping[str, int]
     )
     version, sha256 = f"mmw {head['versions'].get('mmw', '')}".rstrip(), head["config_sha256"][:12]
     return f"""---
-configs:
+{licensed}configs:
 {configs}---
 
 # Multimodal wireless dataset
@@ -281,7 +320,7 @@ Made with {version}, schema {head["schema_version"]}, configuration `{sha256}` (
 | table | one row is | rows | MB |
 |---|---|---:|---:|
 {rows}
-Every column has its unit and meaning in the files' `mmw.columns` key. Read with any Parquet reader, or:
+{said}{listed}Every column has its unit and meaning in the files' `mmw.columns` key. Read with any Parquet reader, or:
 
 ```python
 import mmw

@@ -7,7 +7,7 @@ shard exist. A killed run may leave files without a marker: they are valid, and 
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -177,15 +177,18 @@ def write_scenario(
     tables: Mapping[str, Columns],
     meta: Mapping[str, Any],
     actors: Mapping[str, Any] | None = None,
+    notes: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Write the static tables of a scenario (`objects`, `sensors`, `materials`), then their marker.
 
     Arguments, result and errors are those of `write_shard`; the marker has no weather and no frames. `actors` says who
-    is there when, see `mmw.scene.rows.actor_presence`; `mmw verify` takes its counts from it.
+    is there when, see `mmw.scene.rows.actor_presence`; `mmw verify` takes its counts from it. `notes` is what
+    users should know of the scenario, such as extrapolated materials, one line each; the dataset card lists it.
     """
     shard = ShardWriter(root, scenario, meta)
     shard.add(tables, 0)
-    return shard.close(meta.get("seconds"), None if actors is None else {"actors": actors})
+    more = {**({} if actors is None else {"actors": actors}), **({"notes": list(notes)} if notes else {})}
+    return shard.close(meta.get("seconds"), more or None)
 
 
 def _to_table(name: str, columns: Any, key: dict[str, str]) -> pa.Table:

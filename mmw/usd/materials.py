@@ -6,6 +6,7 @@ from functools import cache
 
 from pxr import Usd, UsdShade
 
+from mmw.config.material_map import MaterialEntry
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.physics.materials.appearance import Appearance
@@ -18,7 +19,7 @@ from mmw.physics.materials.material import (
     lidar_reflectance,
     wrong_radio_value,
 )
-from mmw.usd.material_entries import MaterialMap, find_entry, mapped_radio, named_row
+from mmw.usd.material_entries import MaterialMap, entry_of, mapped_radio, named_row, overridden
 from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
 from mmw.usd.preview_surface import Notes, read_appearance
 from mmw.usd.prim_values import attribute_value, decimal, decimals
@@ -64,8 +65,8 @@ class MaterialUse:
     """Radio material by material map, name, non-visual base or label; None if `mmw:radio:*` decides."""
     library: str = ""
     """Material of the library that the material map names, for LiDAR and appearance too; empty if it names none."""
-    color: tuple[float, float, float] | None = None
-    """Color that the material map gives; None for the material's own."""
+    pattern: str = ""
+    """Pattern of the material map whose entry changes the material; empty if none does."""
     display_color: tuple[float, float, float] | None = None
     """Color of the mesh, drawn where no surface shader of a material is read; None for no such color."""
     has_uv: bool = True
@@ -73,29 +74,37 @@ class MaterialUse:
 
 
 def resolve_material(
-    mesh_path: str, label: str, material: Usd.Prim | None, material_map: MaterialMap
+    label: str, material: Usd.Prim | None, entry: MaterialEntry | None = None, pattern: str = ""
 ) -> MaterialUse | None:
     """Return the source of the radio description of a mesh; the first that exists counts, None if there is none.
 
-    `mmw:radio:*` of the bound material; the user's map, by glob of the mesh's prim path or of the material's name; a
-    material name that is or holds an `itu_...` row; its non-visual base; the semantic class.
+    The entry of a material map; `mmw:radio:*` of the bound material; a material name that is or holds an `itu_...` row;
+    its non-visual base; the semantic class. An entry that names no radio material changes what the next of these says.
+
+    Args:
+        label: Semantic class of the mesh.
+        material: Bound material.
+        entry: Entry of the material map that decides about the mesh.
+        pattern: Its pattern.
 
     Raises:
         InputError: If the name holds an `itu_...` row that does not exist, and the map gives no other one.
     """
     path = str(material.GetPath()) if material else ""
     name = material.GetName() if material else ""
+    if entry is None or not entry.changes_material:
+        entry, pattern = None, ""
+    library = (entry.material or "") if entry is not None else ""
+    if library:
+        return MaterialUse(library, path, LIBRARY[library].radio, library, pattern)
     if material and _has_radio(material):
-        return MaterialUse(name, path, None)
-    entry = find_entry(material_map, mesh_path, name)
+        return MaterialUse(name, path, None, "", pattern)
     is_inferred = material and not (entry is not None and entry.names_radio)
     fallback = _infer_radio(material, label) if is_inferred else None
     if entry is not None:
         fallback = mapped_radio(entry, fallback)
-        if fallback is not None:
-            name = entry.material or name or entry.radio or "mapped"
-            return MaterialUse(name, path, fallback, entry.material or "", entry.color)
-    return MaterialUse(name, path, fallback) if fallback else None
+        name = name or entry.radio or "mapped"
+    return MaterialUse(name, path, fallback, "", pattern) if fallback else None
 
 
 def unknown_row(material: Usd.Prim) -> str:
@@ -135,7 +144,7 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
         appearance = replace(library_appearance(use.library), has_uv=use.has_uv)
         return Material(use.name, spec.radio, spec.base, reflectance, spec.color, spec.coating, is_retro, appearance)
     if not use.prim_path and use.fallback is not None:
-        color = use.color or use.display_color or NO_COLOR
+        color = use.display_color or NO_COLOR
         return Material(
             use.name, use.fallback, "none", lidar_reflectance("none"), color, appearance=Appearance(color=color)
         )
@@ -148,17 +157,23 @@ def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None
     radio = use.fallback if use.fallback is not None else _read_radio(prim)
     is_retro = "retroreflective" in attributes
     appearance = replace(read_appearance(prim, {} if notes is None else notes, use.display_color), has_uv=use.has_uv)
-    if use.color:
-        appearance = replace(appearance, color=use.color, color_texture=None)
     if not appearance.textures:
         appearance = replace(appearance, has_uv=True)
-    return Material(use.name, radio, base, reflectance, use.color or color, coating, is_retro, appearance)
+    return Material(use.name, radio, base, reflectance, color, coating, is_retro, appearance)
 
 
-def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, copies: "Copies") -> list[Material]:
-    """Return the material of each use; copies of one material are read once, unless they have notes.
+def read_materials(
+    stage: Usd.Stage,
+    uses: Iterable[MaterialUse],
+    notes: Notes,
+    copies: "Copies",
+    material_map: MaterialMap | None = None,
+    weather: str = "",
+) -> list[Material]:
+    """Return the material of each use in a weather, which is selected; copies are read once, unless they have notes.
 
-    `copies` remembers materials across weathers: a material that a weather changes is no copy.
+    `copies` remembers materials across weathers: a material that a weather changes is no copy. Entries of the map
+    change what was read.
     """
     found = []
     for use in uses:
@@ -170,7 +185,8 @@ def read_materials(stage: Usd.Stage, uses: Iterable[MaterialUse], notes: Notes, 
             known = read_material(stage, use, own)
         else:
             known = replace(known, appearance=replace(known.appearance, prim_path=use.prim_path))
-        found.append(known)
+        entry = entry_of(material_map or {}, use.pattern)
+        found.append(known if entry is None else overridden(known, entry, weather))
         notes.update(own)
         if specs and not own:
             copies.materials[key] = known

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pxr import Sdf, Usd
 
-from mmw.usd.material_entries import MaterialMap, find_entry
+from mmw.usd.material_entries import MaterialMap, entry_of, find_pattern
 from mmw.usd.materials import Copies, MaterialUse, resolve_material
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, check_placed, materials_of, place
 from mmw.usd.preview_surface import DEFAULT_PRIMVAR, texture_primvar
@@ -48,6 +48,8 @@ class PartReader:
     """Material uses and their numbers, in order of appearance."""
     unresolved: dict[str, None] = field(default_factory=dict)
     """Meshes without a radio material, one line each."""
+    matched: set[str] = field(default_factory=set)
+    """Patterns of the material map that decide about a mesh."""
     notes: dict[str, None] = field(default_factory=dict)
     """Notes for the user on looks, one line each."""
     first_mesh: dict[MaterialUse, str] = field(default_factory=dict)
@@ -116,17 +118,23 @@ class PartReader:
         return self._shading[path]
 
     def _label(self, prim: Usd.Prim, material: Usd.Prim | None) -> str:
-        """Return the class of a mesh: its own, or that of the material map by its path or first material's name."""
+        """Return the class of a mesh: that of the material map, by path, first material's name or class, or its own."""
         label = self.meshes.label(prim)
-        if label != "unlabeled":
-            return label
-        entry = find_entry(self.material_map, str(prim.GetPath()), material.GetName() if material else "")
-        return entry.label if entry is not None and entry.label is not None else "unlabeled"
+        entry = entry_of(self.material_map, self._pattern(prim, material, label))
+        return entry.label if entry is not None and entry.label is not None else label
+
+    def _pattern(self, prim: Usd.Prim, material: Usd.Prim | None, label: str) -> str:
+        """Return the pattern of the material map that decides about a mesh's material, empty for none."""
+        name = material.GetName() if material else ""
+        pattern = find_pattern(self.material_map, str(prim.GetPath()), name, label=label)
+        self.matched.update([pattern] if pattern else ())
+        return pattern
 
     def _object(self, mesh: FoundMesh, label: str) -> tuple[str, str]:
-        """Return path and class of the component that a mesh belongs to."""
+        """Return path and class of the component that a mesh belongs to, both of the class that the map gives."""
         component = self.meshes.component(mesh.anchor)
-        own = label if component == mesh.prim else self.meshes.label(component)
+        is_own = component == mesh.prim or label != self.meshes.label(mesh.prim)
+        own = label if is_own else self.meshes.label(component)
         return str(component.GetPath()), label if own == "unlabeled" else own
 
     def _corners(self, names: Sequence[str], found: Sequence[Corners], index: np.ndarray) -> Corners:
@@ -148,7 +156,9 @@ class PartReader:
         """Return the number of the use of one of a mesh's materials, -1 where nothing describes it."""
         key = material.GetPath() if material else None, label
         if self.material_map or key not in self._resolved:  # the map needs the path of the mesh
-            self._resolved[key] = resolve_material(str(prim.GetPath()), label, material, self.material_map)
+            pattern = self._pattern(prim, material, self.meshes.label(prim))
+            entry = entry_of(self.material_map, pattern)
+            self._resolved[key] = resolve_material(label, material, entry, pattern)
         use, has_uv = self._resolved[key], corners.uv is not None
         if use is None:
             known = f"material {material.GetPath()}" if material else "no material"

@@ -214,7 +214,7 @@ def test_what_is_not_there_is_exit_code_2(
         ("weathers=[sunny, snowy]", "presets are sunny, light_rain, rainy"),
         ("air.sunny.variant=snowy", "foggy, rainy, sunny, none of snowy; set air.sunny.variant"),
         ("scenarios.0.town=torn.usda", "USD cannot read"),
-        ("scenarios.0.material_map={/World/*: itu_cheese}", "itu_concrete"),
+        ("scenarios.0.materials={/World/*: itu_cheese}", "itu_concrete"),
         ("scenarios.0.rsus=[]", "[v2v]"),
     ],
 )
@@ -233,7 +233,7 @@ def test_inputs_are_checked_before_anything_is_made(
 
 
 def test_dry_run_counts_rays(config_file: Path, capsys: pytest.CaptureFixture) -> None:
-    assert main(["--config", str(config_file), "--dry-run", "--device", "cpu"]) == 0
+    assert main(["--config", str(config_file), "--dry-run", "--quick", "--device", "cpu"]) == 0
     text = capsys.readouterr().out
     assert "3 CAV + 1 RSU" in text
     assert "1.43 M" in text  # 4 x 30,016 + 307,200 + 1,000,000
@@ -261,7 +261,7 @@ def test_shipped_schema_is_current_and_shipped_configs_follow_it() -> None:
     validator.check_schema(schema)
     top, scenarios = sorted(configs_dir().glob("*.yaml")), sorted(configs_dir().glob("scenarios/*.yaml"))
     assert [path.name for path in top] == ["full.yaml", "quickstart.yaml"] and len(scenarios) == 16
-    for path in (*top, *scenarios):
+    for path in (*top, *scenarios, *sorted(configs_dir().glob("examples/*.yaml"))):
         validator.validate(yaml.load(path.read_text(), Loader))
         validator.validate(json.loads(load_config(path).model_dump_json()))
         folder = "." if path in top else ".."

@@ -61,7 +61,7 @@ def test_what_is_neither_is_one_line(given: str, said: str) -> None:
 def test_every_command_takes_names(capsys: pytest.CaptureFixture) -> None:
     assert main(["run", "--config", "quickstart", "--print-config"]) == 0
     assert "town03_roundabout" in capsys.readouterr().out
-    assert main(["run", "--config", "quickstart", "--dry-run", "--device", "cpu"]) == 0
+    assert main(["run", "--config", "quickstart", "--dry-run", "--quick", "--device", "cpu"]) == 0
     assert "3 CAV + 1 RSU" in capsys.readouterr().out
     for command in (["radiomap"], ["view", "--still", "a.png"]):
         assert main([*command, "--config", "town07_crossroad", "--scenario", "x", "--device", "cpu"]) == 2

@@ -76,7 +76,7 @@ def _safe(rng: random.Random, argv: list[str], folder: Path) -> list[str]:
     if name == "view" and not any(each.startswith(("--st", "--sa")) for each in argv):
         argv += rng.choice((["--save", "x.rrd"], ["--still", "x.png"]))
     if name == "run":
-        argv += rng.choice((["--dry-run"], ["--print-config"]))
+        argv += rng.choice((["--dry-run", "--quick"], ["--print-config"]))
     if argv[:2] == ["town", "build"]:
         argv = [each for each in argv if each not in ("town03", "quickstart")]
     if name in ("radiomap", "view", "render", "town"):

@@ -64,7 +64,7 @@ class Configurations:
         given = ("--config", str(path), *overrides)
         return [
             command("run", *given, "--print-config"),
-            command("run", *given, "--dry-run", "--out", str(folder / "d")),
+            command("run", *given, "--dry-run", "--quick", "--out", str(folder / "d")),
         ]
 
     def _write(self, rng: random.Random, path: Path, text: str, tree: Any) -> None:

@@ -187,7 +187,7 @@ def test_what_is_not_there_is_one_error(tiny: Config, folder: Path, given: dict,
 
 def test_a_configuration_made_of_sections(folder: Path) -> None:
     roles, materials = {"/World/Ego": "cav"}, {"/World/*": "itu_concrete"}
-    scenario = ScenarioConfig(name="mine", stage=folder / "mine.usda", actor_roles=roles, material_map=materials)
+    scenario = ScenarioConfig(name="mine", stage=folder / "mine.usda", actor_roles=roles, materials=materials)
     sensors = [mmw.sensors.Lidar(channels=4, points_per_channel=32), mmw.sensors.Imu()]
     config = Config(scenarios=[scenario], sensors=sensors, frames={"count": 3}, channel={"enabled": False})
     with mmw.Simulation(config, device="cpu") as simulation:

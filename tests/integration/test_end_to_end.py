@@ -114,14 +114,25 @@ def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
 
 
 def test_dry_run_foresees_the_bytes(dataset: Path, capsys: pytest.CaptureFixture) -> None:
-    """Sizes of single files dominate in this small dataset; the constants for rays and pixels come from a full run."""
+    """Traced frames give the size within 20 %; without, single files dominate in this small dataset."""
     config = load_config(CONFIG, [*SMALL, "channel.candidates=launch"])
     rays, _ = frame_cost(config, {"cav": 3, "rsu": 1, "vehicles": 20, "boxes": 20})
     assert rays == {"lidar": 4 * 8 * 64, "depth": 64 * 48, "channel": 20_000 + 3 * 10_000}
-    assert main(command(dataset, "--dry-run")) == 0
-    number, unit = re.search(r"tables of about ([\d.]+) (\w)B", capsys.readouterr().out).groups()
     real = sum(path.stat().st_size for path in dataset.rglob("part-*.parquet"))
-    assert real / 1.5 < float(number) * {"k": 1e3, "M": 1e6}[unit] < real * 1.5
+    for options, factor in (((), 1.2), (("--quick",), 1.5)):
+        assert main(command(dataset, "--dry-run", *options)) == 0
+        text = capsys.readouterr().out
+        number, unit = re.search(r"tables of about ([\d.]+) (\w)B", text).groups()
+        assert real / factor < float(number) * {"k": 1e3, "M": 1e6}[unit] < real * factor
+        assert ("no frame was traced" in text) == bool(options)
+        if not options:
+            counts = {
+                name: int(rows.replace(",", "")) for name, rows in re.findall(r"^  (\w+) +([\d,]+) rows", text, re.M)
+            }
+            true = {name: open_dataset(dataset).arrow(name).count_rows() for name in counts}
+            assert sum(counts.values()) == pytest.approx(sum(true.values()), rel=0.2)
+            exact = ("poses", "boxes", "links", "lidar", "depth", "imu", "objects", "materials")
+            assert {name: counts[name] for name in exact} == {name: true[name] for name in exact}
 
 
 @pytest.mark.parametrize(
@@ -152,7 +163,7 @@ def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None
     ("change", "part"),
     [
         ("frames.count=500", "outside the stage"),
-        ("scenarios.0.material_map={}", "no radio material"),
+        ("scenarios.0.materials={}", "no radio material"),
         ("scenarios.0.stage=nowhere.usda", "no such file"),
         ("scenarios.0.actor_roles={/World/Nobody: cav}", "/World/Nobody"),
         ("channel.carriers_hz=[105e9]", "105"),

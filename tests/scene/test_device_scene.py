@@ -225,7 +225,7 @@ def test_material_map_describes_what_has_none(stage: Usd.Stage) -> None:
     with pytest.raises(ValueError) as error:
         read(stage)
     for text in ("2 prims", "/World/crates/one (no material)", "/World/crates/two (material /World/Looks/unknown)",
-                 "material_map"):  # fmt: skip
+                 "give `materials`"):  # fmt: skip
         assert text in str(error.value)
     arrays = read(stage, material_map={"/World/crates/*": "itu_wood"})
     crates = {name for o in arrays.objects if "crates" in o.prim_path for name in o.materials}

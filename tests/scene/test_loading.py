@@ -36,7 +36,7 @@ def test_files_of_other_tools(kind: str, tmp_path: Path) -> None:
     """A house of 10 x 8 x 6 m about (12, 9) on level ground, in three formats."""
     make = {"glb": lambda: write_glb(tmp_path / "a.glb"), "obj": lambda: write_obj(tmp_path / "a.obj")}
     path = make[kind]() if kind in make else write_mitsuba(tmp_path)
-    scene = mmw.load_scene(path, material_map=HOUSE[kind], device="cpu")
+    scene = mmw.load_scene(path, materials=HOUSE[kind], device="cpu")
     hits = scene.cast_rays([(12.0, 9.0, 50.0), (0.0, 0.0, 50.0)], (0.0, 0.0, -1.0))
     np.testing.assert_allclose(hits.distance, (44.0, 50.0), atol=1e-4)
     assert scene.materials_by_id()[hits.material_id[0]].radio.itu in ("itu_concrete", "itu_brick")
@@ -59,20 +59,20 @@ def test_maps_with_roads(tmp_path: Path) -> None:
 
 def test_options_of_an_importer(tmp_path: Path) -> None:
     path = write_obj(tmp_path / "a.obj", scale=100.0)
-    scene = mmw.load_scene(path, unit="cm", material_map={"*": "itu_concrete"}, device="cpu")
+    scene = mmw.load_scene(path, unit="cm", materials={"*": "itu_concrete"}, device="cpu")
     assert scene.cast_rays((12.0, 9.0, 50.0), (0.0, 0.0, -1.0)).distance[0] == pytest.approx(44.0, abs=1e-3)
 
 
 def test_a_stage_with_actors_at_any_frame(tmp_path: Path) -> None:
     stage = write_own_world(tmp_path) / "mine.usda"
     roles, materials = {"/World/Ego": "cav", "/World/Mast": "rsu"}, {"/World/*": "itu_concrete"}
-    scene = mmw.load_scene(stage, actor_roles=roles, material_map=materials, frame=4, device="cpu")
+    scene = mmw.load_scene(stage, actor_roles=roles, materials=materials, frame=4, device="cpu")
     assert scene.frames == range(10) and scene.actors["Ego"].role == "cav"
     assert scene.actors["Ego"].position[0] == pytest.approx(0.4)
     scene.frame = 9
     np.testing.assert_allclose(scene.actors["Ego"].position, (0.9, 0.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(scene.actors["Ego"].velocity, (10.0, 0.0, 0.0), atol=1e-6)
-    some = mmw.load_scene(stage, actor_roles=roles, material_map=materials, frames=range(2, 5), device="cpu")
+    some = mmw.load_scene(stage, actor_roles=roles, materials=materials, frames=range(2, 5), device="cpu")
     assert some.frames == range(2, 5) and some.frame == 2
 
 
@@ -96,7 +96,7 @@ def test_weathers_by_name_value_and_both(tmp_path: Path) -> None:
     stage = write_own_world(tmp_path) / "mine.usda"
 
     def names(weather: object) -> list[str]:
-        scene = mmw.load_scene(stage, material_map={"*": "itu_concrete"}, weather=weather, device="cpu")
+        scene = mmw.load_scene(stage, materials={"*": "itu_concrete"}, weather=weather, device="cpu")
         return [f"{name} {values.rain_mm_h:g}" for name, values in scene.weathers.items()]
 
     assert names("rainy") == ["rainy 25"] and names(["rainy", "sunny"]) == ["rainy 25", "sunny 0"]
@@ -109,18 +109,18 @@ ERRORS = {
     "no such file": (("missing.usda",), {}, "missing.usda: no such file"),
     "no such format": (("own.dae",), {}, "own.dae: .dae is not read"),
     "no material": (("mine.usda",), {}, "3 prims have no radio material"),
-    "unknown material": (("mine.usda",), {"material_map": {"*": "itu_gold"}}, "radio = 'itu_gold' is unknown"),
-    "material key": (("mine.usda",), {"material_map": {"*": {"colour": 3}}}, r"material_map\['\*'\]: colour"),
+    "unknown material": (("mine.usda",), {"materials": {"*": "itu_gold"}}, "radio = 'itu_gold' is unknown"),
+    "material key": (("mine.usda",), {"materials": {"*": {"colour": 3}}}, r"materials\['\*'\]: colour"),
     "weather": (("mine.usda",), {"weather": "misty"}, "weather 'misty': is not known; name one of sunny"),
     "no weather": (("mine.usda",), {"weather": []}, "weather: is empty"),
-    "frame": (("mine.usda",), {"material_map": {"*": "itu_brick"}, "frame": 10}, "frame = 10; it has frames 0 to 9"),
+    "frame": (("mine.usda",), {"materials": {"*": "itu_brick"}, "frame": 10}, "frame = 10; it has frames 0 to 9"),
     "scenario of a stage": (("mine.usda",), {"scenario": "a"}, "scenario = 'a': does not go with"),
     "option of a stage": (("mine.usda",), {"up": "y"}, "up: a USD stage has no such option"),
     "option of a town": (("town03",), {"up": "y"}, "up: a USD stage has no such option"),
-    "option of a file": (("a.obj",), {"material_map": {"*": "itu_brick"}, "lanes": 3}, "no option of .glb"),
+    "option of a file": (("a.obj",), {"materials": {"*": "itu_brick"}, "lanes": 3}, "no option of .glb"),
     "role of a config": (("mine.yaml",), {"actor_roles": {"/a": "cav"}}, "actor_roles = .* does not go with"),
     "unknown scenario": (("mine.yaml",), {"scenario": "yours"}, "scenario = yours: there are mine"),
-    "device": (("mine.usda",), {"material_map": {"*": "itu_brick"}, "device": "cuda:99"}, "cuda:99"),
+    "device": (("mine.usda",), {"materials": {"*": "itu_brick"}, "device": "cuda:99"}, "cuda:99"),
 }
 
 

@@ -104,7 +104,7 @@ def test_authored_numbers_read_back(tmp_path):
     read = {name: material.GetPrim().GetAttribute(a.name).Get() for name, a in schema.RADIO_ATTRIBUTES.items()}
     assert RadioMaterial(**read) == radio
     assert material.GetPrim().GetAttribute("mmw:radio:model").GetVariability() == Sdf.VariabilityUniform
-    assert read_material(stage, resolve_material("/mesh", "", material.GetPrim(), {})).radio == radio
+    assert read_material(stage, resolve_material("", material.GetPrim())).radio == radio
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_wrong_radio_attributes_are_refused_with_their_place(changes: dict, need
     for name, value in changes.items():
         attribute = schema.RADIO_ATTRIBUTES[name]
         material.GetPrim().CreateAttribute(attribute.name, attribute.type_name).Set(value)
-    use = resolve_material("/mesh", "", material.GetPrim(), {})
+    use = resolve_material("", material.GetPrim())
     name, value = list(changes.items())[-1]
     message = f"/Wall: {schema.RADIO_ATTRIBUTES[name].name} = {value!r}; {needed} is needed; correct the attribute"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):

@@ -19,6 +19,7 @@ from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.physics.em.vectors import rotate
 from mmw.physics.materials.material import Material
+from mmw.physics.materials.permittivity import log_extrapolations
 from mmw.scene.mounted_antennas import RadioDevices
 from mmw.scene.radio_devices import RadioDevice
 from mmw.scene.scene import Scene
@@ -260,6 +261,8 @@ def _check_materials_once(
     new = {name: own for name, own in materials.items() if not any(own is one for one in passed.get(name, ()))}
     if new:
         check_channel_materials(new, table.used_materials, config)
+        for by_id in new.values():
+            log_extrapolations(by_id, config.carriers_hz, table.used_materials)
         passed |= {name: [own] for name, own in new.items()}
 
 

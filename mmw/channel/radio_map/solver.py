@@ -30,7 +30,7 @@ from mmw.core.errors import InputError
 from mmw.kernels.channel import radio_map as kernels
 from mmw.kernels.channel import transmitted_field as fields
 from mmw.physics.materials.material import Material
-from mmw.physics.materials.permittivity import permittivity_table
+from mmw.physics.materials.permittivity import log_extrapolations, permittivity_table
 from mmw.scene.device_scene import DeviceScene
 
 RAYS_AT_ONCE = 2**22
@@ -210,6 +210,7 @@ def _materials(scene: DeviceScene, materials: tuple[Material, ...], carrier_hz: 
     arrays = scene.arrays
     used = np.unique(np.concatenate([arrays.material, *(model.material for model in arrays.models)]))
     permittivity = permittivity_table(materials, [carrier_hz], used)[:, 0]
+    log_extrapolations(materials, [carrier_hz], used)
     thickness = np.array([material.radio.thickness for material in materials], dtype=np.float64)
     scattering = np.array([material.radio.scattering for material in materials], dtype=np.float64)
     result = kernels.MapMaterials()

@@ -25,8 +25,10 @@ from mmw.core.file_names import check_file_name, is_file_name
 from mmw.core.progress_bar import Progress
 from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.export.registry import load_format
+from mmw.dataset.filesystem import read_text
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.finding import one_line
+from mmw.storage.manifest import LICENSE, NOTICE
 from mmw.storage.store import DATASET
 
 STATE = "_export.json"
@@ -139,10 +141,19 @@ def export(
             with _lookups(dataset, f"{form.name}: {task.name}"):
                 _make(out, task)
             progress.advance(task.name)
+        _copy_license(dataset, out)
         if form.finish is not None and (pending or not _is_done(out, FINISHED)):
             with _lookups(dataset, form.name):
                 form.finish(dataset, selection, out)
             write_bytes_atomically(_marker(out, FINISHED), b'{"files": {}}\n')
+
+
+def _copy_license(dataset: Dataset, out: Path) -> None:
+    """Copy the license of the data, and what has to be named with them, where the dataset has them."""
+    for name in (LICENSE, NOTICE):
+        text = read_text(dataset.root, name, dataset.filesystem)
+        if text and not (out / name).is_file():
+            write_bytes_atomically(out / name, text.encode())
 
 
 @contextmanager

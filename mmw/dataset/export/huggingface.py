@@ -29,12 +29,14 @@ import pyarrow.parquet as pq
 import yaml
 
 from mmw.core.errors import InputError
+from mmw.core.licenses import license_of
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import STATE, Format, Option, Options, Part, Selection, Task, parts
+from mmw.dataset.filesystem import read_text
 from mmw.storage.arrow_tables import frame_rows
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.finding import one_line
-from mmw.storage.manifest import CARD, CONFIG, DATASET, read_markers
+from mmw.storage.manifest import CARD, CONFIG, DATASET, LICENSE, hub_license, read_markers
 from mmw.storage.parquet_schema import write_options
 from mmw.storage.schemas import column_text
 from mmw.storage.table_spec import IMAGE, TableSpec
@@ -157,10 +159,12 @@ def finish(dataset: Dataset, selection: Selection, out: Path) -> None:
 def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]], options: Options) -> str:
     """Return the text of the dataset card for exported parts, with rows and bytes of each exported table."""
     info = dataset.info
+    own = license_of(read_text(dataset.root, LICENSE, dataset.filesystem))
+    license_id = options["license"] or (hub_license(own) if own else "")
     first = "rgb" if "rgb" in counts else next(iter(counts))
     head = {
         "pretty_name": options["title"],
-        **({"license": options["license"]} if options["license"] else {}),
+        **({"license": license_id} if license_id else {}),
         "tags": list(TAGS),
         "size_categories": [_size(sum(count["rows"] for count in counts.values()))],
         "configs": [
@@ -241,6 +245,10 @@ FORMAT = Format(
     finish=finish,
     options=(
         Option("title", "Multimodal wireless dataset", "name on the card"),
-        Option("license", "", "license on the card, an identifier of the Hub such as cc-by-4.0"),
+        Option(
+            "license",
+            "",
+            "license on the card, an identifier of the Hub such as cc-by-4.0; by default that of the data",
+        ),
     ),
 )

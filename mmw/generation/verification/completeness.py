@@ -8,12 +8,13 @@ from typing import Any
 from mmw.config import Config
 from mmw.config.input_paths import input_places
 from mmw.core.errors import InputError
+from mmw.core.licenses import SPDX_TAG
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.generation.verification.stage_files import check_stages
 from mmw.storage.finding import Finding, one_line
 from mmw.storage.identity import config_differences
-from mmw.storage.manifest import CARD, CONFIG, DATASET, MANIFEST, read_dataset
+from mmw.storage.manifest import CARD, CONFIG, DATASET, LICENSE, MANIFEST, NOTICE, read_dataset, read_license
 from mmw.storage.shard_writer import MARKERS, marker_path
 from mmw.storage.store import Store
 
@@ -54,6 +55,13 @@ def check_plan(store: Store, config: Config) -> list[Finding]:
         for name in (MANIFEST, CARD):
             if not store.sizes([name]):
                 findings.append(Finding("missing", name, "the dataset is complete without it; run mmw finalize"))
+        for name in (LICENSE, NOTICE):
+            if not store.sizes([name]):
+                cure = "run the same configuration again, which writes it"
+                findings.append(Finding("missing", name, f"nobody can tell how the data may be used; {cure}"))
+        if store.sizes([LICENSE]) and not read_license(store):
+            line = f"names no license in a line {SPDX_TAG!r}; put it back, or run the same configuration again"
+            findings.append(Finding("license", LICENSE, line))
     for name in sorted(markers - planned.keys()):
         findings.append(Finding("foreign", name, "the configuration has no such shard"))
     return findings

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from mmw.core.frequency_range import check_frequency_range
 from mmw.physics.em.gas_attenuation import gas_attenuation
+from mmw.physics.materials.extrapolation import AIR_MIN_HZ, CARRIERS_GHZ
 from mmw.physics.weather.weather import Weather
 
 RAIN_GHZ = (1.0, 1000.0)
@@ -124,7 +125,8 @@ def path_loss_db(
     """Return the one-way losses of each path in rain, fog and air.
 
     Rain depends a little on how steep a path runs (9 % between horizontal and vertical at 28 GHz, 25 mm/h). The
-    elevation of departure is used for the whole path.
+    elevation of departure is used for the whole path. From 0.5 to 1 GHz the losses are those of 1 GHz, where the three
+    Recommendations begin: less than 0.01 dB/km.
 
     Args:
         weather: The weather.
@@ -138,9 +140,10 @@ def path_loss_db(
         no fog is 0 at any carrier.
 
     Raises:
-        InputError: If a carrier is outside 1 to 1000 GHz, or above 200 GHz in fog.
+        InputError: If a carrier is outside 0.5 to 1000 GHz, or above 200 GHz in fog.
     """
     carriers = np.atleast_1d(np.asarray(carriers_hz, dtype=np.float64))
+    carriers = np.where((carriers >= CARRIERS_GHZ[0] * 1e9) & (carriers < AIR_MIN_HZ), AIR_MIN_HZ, carriers)
     km = np.asarray(length_m, dtype=np.float64)[:, None] / 1000.0
     rain = fog = np.zeros(carriers.shape)
     if weather.rain_mm_h > 0.0:

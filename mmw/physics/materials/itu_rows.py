@@ -1,8 +1,8 @@
 """Tabulate permittivities by name: Recommendation ITU-R P.2040-4, the paper's grounds at 28 GHz, soils and water of
 ITU-R P.527-6, human skin, and the perfect conductor.
 
-A row of P.2040 is `eps_r = a f^b`, `sigma = c f^d` with f in GHz and sigma in S/m, inside its own frequency range.
-Outside all ranges of a name there is no value: nothing is extrapolated.
+A row of P.2040 is `eps_r = a f^b`, `sigma = c f^d` with f in GHz and sigma in S/m, inside its own frequency range. What
+holds from 0.5 to 150 GHz outside all ranges of a name is in `mmw.physics.materials.extrapolation`.
 
 Source: ITU-R P.2040-4, section 3, table 3; for the grounds from 26.5 to 29.5 GHz the constants of the
 Multimodal-Wireless paper, with those of ITU-R P.527-5; for soils and water `mmw.physics.materials.soil`.
@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from mmw.core.constants import VACUUM_PERMITTIVITY
-from mmw.core.errors import InputError
 from mmw.physics.materials import skin
 from mmw.physics.materials.soil import MAX_GHZ, MIN_GHZ, Soil, soil_permittivity, water_permittivity
 
@@ -34,6 +33,11 @@ class PermittivityRow:
     at: Callable[[float], complex]
     """Frequency [Hz] -> complex relative permittivity."""
     source: str = P2040
+
+    @property
+    def is_power_law(self) -> bool:
+        """True if permittivity and conductivity are powers of the frequency, so that they go on beyond the range."""
+        return isinstance(self.at, partial) and self.at.func is power_law
 
     def holds(self, carrier_hz: float) -> bool:
         """Return whether the range has a frequency [Hz]; both ends belong to it."""
@@ -148,26 +152,3 @@ frequency: its permittivity is infinite, which `mmw.physics.em.fresnel` supports
 
 RADIO_ROWS = tuple(PREFIX + name for name in PERMITTIVITY)
 """Names of all rows as materials give them."""
-
-
-def permittivity_row(name: str, carrier_hz: float, used_by: str = "") -> PermittivityRow:
-    """Return the row of a named material that holds a carrier frequency.
-
-    Args:
-        name: Name in the table, with or without the prefix `itu_`.
-        carrier_hz: Carrier frequency [Hz].
-        used_by: Name of the material, for the error message.
-
-    Raises:
-        InputError: If the name has no row at this frequency.
-    """
-    rows = PERMITTIVITY[name.removeprefix(PREFIX)]
-    for row in rows:
-        if row.holds(carrier_hz):
-            return row
-    where = f"material {used_by or name!r}" + (f" ({name})" if used_by else "")
-    ranges = ", ".join(f"{row.min_ghz:g}-{row.max_ghz:g} GHz" for row in rows)
-    raise InputError(
-        f"{where}: no permittivity at {carrier_hz / 1e9:g} GHz; its ranges are {ranges}; choose a carrier inside them, "
-        "another material, or the model `constant`"
-    )

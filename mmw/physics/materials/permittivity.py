@@ -1,13 +1,21 @@
 """Compute the permittivity of materials at carriers: of a named row, of constants, or of a function of frequency."""
 
+import logging
 from collections.abc import Iterable
+from functools import cache
 from numbers import Number
 
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.physics.materials.itu_rows import PERMITTIVITY, PREFIX, complex_permittivity, permittivity_row
+from mmw.physics.materials.extrapolation import AIR_MIN_HZ, permittivity_row
+from mmw.physics.materials.itu_rows import PERMITTIVITY, PREFIX, complex_permittivity
 from mmw.physics.materials.material import Material, PermittivityFunction, RadioMaterial
+
+LOGGER = logging.getLogger(__name__)
+
+MAX_NAMES = 3
+"""Materials that a note names."""
 
 
 def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str = "") -> complex:
@@ -19,8 +27,8 @@ def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str 
         used_by: Name of the material, for error messages.
 
     Raises:
-        InputError: If the carrier is outside the range of a named row or of a function, or if a function returns no
-            permittivity of a passive material.
+        InputError: If the carrier is outside 0.5 to 150 GHz and the ranges of a named row, or outside the range of a
+            function, or if a function returns no permittivity of a passive material.
 
     Source: ITU-R P.2040-4, equations 9, 28 and 29; ITU-R P.527-6 for soils and water.
 
@@ -33,7 +41,7 @@ def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str 
         return _of_function(radio.permittivity, radio.frequency_range_hz, carrier_hz, used_by)
     if radio.model == "constant":
         return complex_permittivity(radio.relative_permittivity, radio.conductivity, carrier_hz)
-    return permittivity_row(radio.itu, carrier_hz, used_by).at(carrier_hz)
+    return permittivity_row(radio.itu, carrier_hz, used_by).row.at(carrier_hz)
 
 
 def _of_function(
@@ -70,11 +78,56 @@ def _number(value: object) -> complex:
 
 
 def has_permittivity(radio: RadioMaterial, carrier_hz: float) -> bool:
-    """Return whether a material has a permittivity at a carrier [Hz]."""
+    """Return whether a material has a permittivity at a carrier [Hz] by its own range, without extrapolation."""
     if radio.model == "itu":
         return any(row.holds(carrier_hz) for row in PERMITTIVITY[radio.itu.removeprefix(PREFIX)])
     low, high = radio.frequency_range_hz or (0.0, np.inf)
     return low <= carrier_hz <= high
+
+
+def extrapolation_notes(
+    materials: Iterable[Material], carriers_hz: Iterable[float], used: Iterable[int] | None = None
+) -> list[str]:
+    """Return a line for each row and carrier at which the permittivity is not tabulated, and for low carriers.
+
+    Args:
+        materials: Materials by id.
+        carriers_hz: Carrier frequencies [Hz].
+        used: Ids that some face has; None means all.
+    """
+    by_id, carriers = list(materials), list(carriers_hz)
+    ids = range(len(by_id)) if used is None else sorted({int(i) for i in used})
+    names: dict[tuple[str, float, str], dict[str, None]] = {}
+    for radio, name in ((by_id[k].radio, by_id[k].name) for k in ids):
+        for carrier in carriers if radio.model == "itu" else ():
+            if note := permittivity_row(radio.itu, carrier, name).note:
+                names.setdefault((radio.itu, carrier, note), {})[name] = None
+    lines = [f"{_few(found)} ({row}) at {carrier / 1e9:g} GHz: {note}" for (row, carrier, note), found in names.items()]
+    return lines + [
+        f"air at {carrier / 1e9:g} GHz: losses of 1 GHz, where P.838, P.840 and P.676 begin"
+        for carrier in carriers
+        if carrier < AIR_MIN_HZ
+    ]
+
+
+def _few(names: Iterable[str]) -> str:
+    """Return the first of some names, and how many more there are."""
+    found = list(names)
+    more = f" and {len(found) - MAX_NAMES} more" if len(found) > MAX_NAMES else ""
+    return ", ".join(found[:MAX_NAMES]) + more
+
+
+def log_extrapolations(
+    materials: Iterable[Material], carriers_hz: Iterable[float], used: Iterable[int] | None = None
+) -> None:
+    """Log what `extrapolation_notes` says, each line once in a process."""
+    for line in extrapolation_notes(materials, carriers_hz, used):
+        _log_once(line)
+
+
+@cache
+def _log_once(line: str) -> None:
+    LOGGER.warning(line)
 
 
 def permittivity_table(

@@ -113,7 +113,7 @@ def draw_scenario(
         stage = prepare_scenario(config, found, path.parent, Path(folder))
         arrays = read_stage(
             stage, _frames(frame), {weather: variants}, margin=1, roles=found.actor_roles,
-            material_map=found.material_map,
+            material_map=config.materials_of(found),
         )  # fmt: skip
         pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed, device=device)
         if not viewpoint.camera:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pxr import Usd, UsdShade
 
 from mmw.core.errors import InputError
+from mmw.usd.material_entries import entry_of, find_pattern
 from mmw.usd.materials import read_material, resolve_material
 from mmw.worlds.checks.findings import Finding
 from mmw.worlds.checks.stage_model import StageMesh, StageModel
@@ -38,7 +39,8 @@ def _missing_properties(
 ) -> list[tuple]:
     found = []
     try:
-        use = resolve_material(part.path, part.label, material, material_map)
+        pattern = find_pattern(material_map, part.path, material.GetName() if material else "", label=part.label)
+        use = resolve_material(part.label, material, entry_of(material_map, pattern), pattern)
         if use is None:
             cure = "author mmw:radio:* on its material, or map it: --material-map 'PATH=itu_concrete'"
             found.append(("error", "radio_material", "no radio material", cure))

@@ -60,3 +60,5 @@ class ImportedScene:
     """Omissions and assumptions, one line each."""
     components: frozenset[str] = frozenset()
     """Paths that the source itself declares as components; others follow from the hierarchy."""
+    notice: str = ""
+    """Text that has to be named with data of this source, such as its license; empty if that is not known."""

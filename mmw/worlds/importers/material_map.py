@@ -1,7 +1,7 @@
 """The material map of an import: a YAML file with the materials of an imported scene."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -42,6 +42,7 @@ def load_material_map(path: str | Path) -> dict[str, MaterialEntry]:
             continue
         entries[str(pattern)] = entry
         problems += unknown_names(f"{path}: {str(pattern)!r}", entry)
+        problems += [f"{path}: {str(pattern)!r}: {line}" for line in _not_in_files(entry)]
     if problems:
         raise ConfigError(problems)
     return entries
@@ -63,6 +64,9 @@ def apply_material_map(where: str, scene: ImportedScene, entries: Mapping[str, M
         InputError: If a mesh is left without radio material, with the list of all such meshes and a map to fill in, or
             if the source names a radio material that does not exist.
     """
+    for pattern, entry in entries.items():
+        for line in _not_in_files(entry):
+            raise InputError(f"{where}: materials[{pattern!r}]: {line}")
     found = [(part, _match(part, scene, entries)) for part in scene.parts]
     by_map = {entries[pattern].material for _, pattern in found if pattern}
     taken = {part.material for part in scene.parts if part.material not in scene.materials} | (by_map - {None})
@@ -98,11 +102,19 @@ def apply_material_map(where: str, scene: ImportedScene, entries: Mapping[str, M
     return replace(scene, parts=parts, materials=materials, notes=(*scene.notes, *idle))
 
 
+def _not_in_files(entry: MaterialEntry) -> Iterator[str]:
+    """Yield a line for each key that the file of an imported asset cannot hold."""
+    if entry.weathers:
+        yield "weathers: a file has its materials in one weather; give it in `materials` of a configuration"
+    if entry.lidar_reflectance is not None:
+        yield "lidar_reflectance: files hold the base that gives it; give `base`, or `materials` of a configuration"
+
+
 def _match(part: MeshPart, scene: ImportedScene, entries: Mapping[str, MaterialEntry]) -> str:
     """Return the first pattern that matches a mesh, empty if none does."""
     material = scene.materials.get(part.material)
     source = material.source if material else part.material
-    return find_pattern(entries, f"/Town/{part.path}", f"/{part.path}", source)
+    return find_pattern(entries, f"/Town/{part.path}", f"/{part.path}", source, label=part.label)
 
 
 def _imported_material(part: MeshPart, scene: ImportedScene, entry: MaterialEntry | None) -> ImportedMaterial | None:
@@ -121,6 +133,7 @@ def _imported_material(part: MeshPart, scene: ImportedScene, entry: MaterialEntr
     if entry:
         radio = mapped_radio(entry, radio)
     base = "" if {"radio", "relative_permittivity"} & set(changes) else source.base  # another substance
+    base = str(changes.get("base", base))
     look = {key: changes[key] for key in ("color", "roughness", "metallic", "opacity") if key in changes}
     name = source.name if source.source else identifier(entry.radio if entry and entry.radio else source.name)
     return replace(source, name=name, radio=radio, unknown_row="" if radio else row, base=base, **look)

@@ -17,6 +17,7 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material, unknown_row
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, place, to_metres
+from mmw.usd.notices import read_notices
 from mmw.usd.open_stage import check_references, open_stage, reads_usd
 from mmw.usd.prim_values import attribute_value, decimal
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
@@ -49,7 +50,8 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
         reader.add(mesh, meshes, meshes.to_world(mesh) @ meters, str(path))
     lanes = _lanes(stage, stretch, np.asarray(origin, float))
     notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())
-    return ImportedScene(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components))
+    notice = "; ".join(read_notices(stage))
+    return ImportedScene(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components), notice)
 
 
 @dataclass
@@ -90,7 +92,7 @@ class _Reader:
     def material_name(self, mesh_path: str, label: str, prim: Usd.Prim | None) -> str:
         """Return the name of a mesh's material, which is added if it is new."""
         is_known = prim is None or not unknown_row(prim)  # a material map may describe it
-        use = resolve_material(mesh_path, label, prim, {}) if is_known else None
+        use = resolve_material(label, prim) if is_known else None
         if prim is None:
             self.materials.setdefault("no_material", ImportedMaterial("no_material", ""))
             return "no_material"

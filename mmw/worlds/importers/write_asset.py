@@ -17,6 +17,7 @@ from mmw.traffic.roads.lane_prims import write_lanes
 from mmw.usd import schema
 from mmw.usd.atomic_layers import save_layers
 from mmw.usd.material_library import LIBRARY, MaterialSpec
+from mmw.usd.notices import write_notice
 from mmw.usd.prim_specs import new_mesh, new_prim, set_label
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.materials.library import write_material
@@ -187,6 +188,7 @@ def _interface(scene: ImportedScene, path: Path, payload: Path, name: str) -> Sd
     library = sorted({part.material for part in scene.parts if part.material not in scene.materials})
     wet = [material for material in GROUND_MATERIALS if material in library]
     layer = interface_layer(name, scene.parts, payload.name, SHIPPED_WEATHER, wet)
+    write_notice(layer, scene.notice)
     source = Path(os.path.relpath(assets_dir() / "materials" / "materials.usda", path.parent)).as_posix()
     for material in library:
         spec = new_prim(layer, ROOT.AppendPath(f"Materials/{material}"), "Material")

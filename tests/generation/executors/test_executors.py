@@ -117,7 +117,7 @@ def test_an_executor_that_is_not_installed(
     assert main(command(world, "none", "--engine", "ray")) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and "the package ray is missing; pip install 'multimodal-wireless[ray]'" in lines[0]
-    assert main(command(world, "none", "--engine", "ray", "--dry-run")) == 0
+    assert main(command(world, "none", "--engine", "ray", "--dry-run", "--quick")) == 0
     assert "20 frames in all on a Ray cluster" in capsys.readouterr().out
     assert main(command(world, "none", "--engine", "slurm")) == 2
     assert "must be 'local' or 'ray'" in capsys.readouterr().err

@@ -120,7 +120,7 @@ def test_a_registered_name_is_a_pattern_everywhere() -> None:
     assert not radio.holds_function and file_values(radio)["scattering_pattern"] == "mine"
     stage = Usd.Stage.CreateInMemory()
     prim = write_material(stage, "/Wall", MaterialSpec(radio, "brick", (0.5, 0.5, 0.5), 0.5)).GetPrim()
-    assert read_material(stage, resolve_material("/mesh", "", prim, {})).radio.scattering_pattern == "mine"
+    assert read_material(stage, resolve_material("", prim)).radio.scattering_pattern == "mine"
     entry = MaterialEntry(radio="itu_brick", scattering=0.3, scattering_pattern="mine")
     assert unknown_names("map", entry) == []
     assert mapped_radio(entry, None) == RadioMaterial("itu", "itu_brick", scattering=0.3, scattering_pattern="mine")
@@ -139,7 +139,7 @@ def test_unknown_names_list_those_of_mmw_and_of_users() -> None:
     prim = write_material(stage, "/Wall", MaterialSpec(RadioMaterial("constant"), "brick", (0.5,) * 3, 0.5)).GetPrim()
     prim.GetAttribute("mmw:radio:scatteringPattern").Set("other")
     with pytest.raises(ValueError, match=f"^/Wall: mmw:radio:scatteringPattern = 'other'; {re.escape(known)}"):
-        read_material(stage, resolve_material("/mesh", "", prim, {}))
+        read_material(stage, resolve_material("", prim))
 
 
 @pytest.mark.parametrize(

@@ -189,7 +189,7 @@ def test_a_scenario_takes_the_same_entries(tmp_path: Path) -> None:
 scenarios:
   - name: mine
     stage: a.usda
-    material_map:
+    materials:
       "*ground": {material: asphalt, label: road}
       "plain*": {radio: itu_brick, thickness: 0.2, color: [0.1, 0.2, 0.3], label: building}
       "*/said": itu_concrete
@@ -199,7 +199,7 @@ scenarios:
     config = load_config(tmp_path / "c.yaml")
     (tmp_path / "again.yaml").write_text(to_yaml(config))
     assert load_config(tmp_path / "again.yaml") == config
-    arrays = read_stage(tmp_path / "a.usda", range(1), ["sunny"], material_map=config.scenarios[0].material_map)
+    arrays = read_stage(tmp_path / "a.usda", range(1), ["sunny"], material_map=config.scenarios[0].materials)
     found = {material.name: material for material in arrays.materials["sunny"]}
     of = {thing.prim_path: (thing.label, *thing.materials) for thing in arrays.objects}
     assert of == {
@@ -208,7 +208,7 @@ scenarios:
     }  # fmt: skip
     assert found["asphalt"].radio == LIBRARY["asphalt"].radio
     assert (found["asphalt"].nonvisual_base, found["asphalt"].color) == ("asphalt", LIBRARY["asphalt"].color)
-    assert found["said"].radio.itu == "itu_marble"  # a prim that says it itself
+    assert found["said"].radio.itu == "itu_concrete"  # an entry counts before what the prim says itself
     assert found["plain_stuff"].radio == RadioMaterial("itu", itu="itu_brick", thickness=0.2)
     assert found["plain_stuff"].color == (0.1, 0.2, 0.3)
     assert found["mapped"].radio == RadioMaterial("constant", relative_permittivity=1.5, conductivity=0.01)
@@ -216,7 +216,7 @@ scenarios:
 
 @pytest.mark.parametrize("entry", ["{radioo: itu_brick}", "7", "{material: asphalt, thickness: 1}"])
 def test_a_wrong_entry_of_a_scenario_is_one_line(tmp_path: Path, entry: str) -> None:
-    (tmp_path / "c.yaml").write_text(f'scenarios:\n  - {{name: a, stage: a.usda, material_map: {{"*": {entry}}}}}\n')
-    with pytest.raises(ConfigError, match=r"c\.yaml: scenarios\[0\]\.material_map") as caught:
+    (tmp_path / "c.yaml").write_text(f'scenarios:\n  - {{name: a, stage: a.usda, materials: {{"*": {entry}}}}}\n')
+    with pytest.raises(ConfigError, match=r"c\.yaml: scenarios\[0\]\.materials") as caught:
         load_config(tmp_path / "c.yaml")
     assert len(caught.value.problems) == 1

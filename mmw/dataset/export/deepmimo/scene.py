@@ -129,7 +129,7 @@ def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
         range(frames.start, frames.start + 1),
         {weather: config.variants[weather]},
         roles=scenario.actor_roles,
-        material_map=scenario.material_map,
+        material_map=config.materials_of(scenario),
     )
     objects = {one.object_id: one for one in arrays.objects}
     faces: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)

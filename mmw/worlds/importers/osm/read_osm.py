@@ -22,6 +22,14 @@ WATER = ImportedMaterial(
 TREE_SPACING = 8.0
 """Distance of the trees of a row [m]; design value."""
 
+NOTICE = (
+    "contains information from OpenStreetMap, (c) OpenStreetMap contributors, which is made available under the Open "
+    "Database License (ODbL) 1.0: https://www.openstreetmap.org/copyright"
+)
+"""Text that has to be named with the data.
+
+Source: ODbL 1.0, section 4.3, and the attribution guidelines of the OSM Foundation."""
+
 
 def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> ImportedScene:
     """Read an OpenStreetMap extract.
@@ -66,7 +74,7 @@ def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> Imp
         notes.append(f"materials and colors not understood: {', '.join(sorted(palette.unknown))}")
     every = [*ground, *parts, *trees]
     foreign = {WATER.name: WATER} if any(part.material == WATER.name for part in every) else {}
-    return ImportedScene(every, {**palette.foreign, **foreign}, None, tuple(notes))
+    return ImportedScene(every, {**palette.foreign, **foreign}, None, tuple(notes), notice=NOTICE)
 
 
 def _contacts(bodies: list[Body], shared: int) -> list[str]:

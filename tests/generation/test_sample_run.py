@@ -1,0 +1,63 @@
+"""A few traced frames foresee the tables of a scenario, and say what finds nothing in it."""
+
+from pathlib import Path
+
+import pytest
+
+from mmw.cli.run import main
+from mmw.config import Config, load_config
+from mmw.generation.sample_run import SampledScenario, sample_scenario
+from mmw.storage.manifest import manifest_rows, read_markers
+from tests.fixtures.own_world import command, write_own_world
+
+CHANGES = (
+    "frames={start: 1, count: 8}", "weathers=[sunny, rainy]", "output.shard_frames=3",
+    "sensors=[{type: imu}, {type: gnss, rate_hz: 50}, {type: lidar, channels: 4, points_per_channel: 90, rate_hz: 20}]",
+    "channel.diffuse_reflection=true", "channel.diffraction=true", "materials={'*tower*': itu_brick}",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_own_world(tmp_path_factory.mktemp("sampled"))
+
+
+@pytest.fixture(scope="module")
+def config(world: Path) -> Config:
+    return load_config(world / "mine.yaml", CHANGES)
+
+
+@pytest.fixture(scope="module")
+def sample(world: Path, config: Config) -> SampledScenario:
+    return sample_scenario(config, config.scenarios[0], world, "cpu")
+
+
+def test_rows_and_bytes_are_those_of_a_run(world: Path, sample: SampledScenario) -> None:
+    assert main(command(world, "data", *CHANGES)) == 0
+    rows, size = {}, {}
+    for file in manifest_rows(read_markers(world / "data")).to_pylist():
+        rows[file["table"]] = rows.get(file["table"], 0) + file["rows"]
+        size[file["table"]] = size.get(file["table"], 0) + file["bytes"]
+    assert sample.rows == pytest.approx(rows, rel=0.2)
+    for table in ("frames", "poses", "imu", "gnss", "lidar", "links", "objects", "materials"):
+        assert sample.rows[table] == pytest.approx(rows[table]), table
+    assert sum(sample.bytes.values()) == pytest.approx(sum(size.values()), rel=0.2)
+    assert sample.bytes.keys() == size.keys()
+
+
+def test_what_finds_nothing_is_told(sample: SampledScenario) -> None:
+    said = [line.split(":")[0] for line in sample.notes]
+    assert "channel.diffuse_reflection finds nothing" in said
+    assert "materials['*tower*'] decides nothing" in said
+    assert "channel.diffraction finds nothing" not in said
+
+
+def test_the_command_prints_it(world: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(command(world, "nothing", *CHANGES, "--dry-run")) == 0
+    text = capsys.readouterr().out
+    assert "note: channel.diffuse_reflection finds nothing" in text and "  lidar " in text
+    assert main(command(world, "nothing", *CHANGES, "--dry-run", "--quick")) == 0
+    assert "no frame was traced" in capsys.readouterr().out
+    assert not (world / "nothing").exists()
+    assert main(command(world, "nothing", "--quick")) == 2
+    assert "--quick goes with --dry-run" in capsys.readouterr().err

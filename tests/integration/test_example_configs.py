@@ -1,0 +1,51 @@
+"""Examples of configurations do what they say, in small."""
+
+from pathlib import Path
+
+import pytest
+
+from mmw.cli.run import main
+from mmw.dataset import open_dataset
+from mmw.generation.verification.completeness import check_plan, read_plan
+from mmw.storage.store import store_of
+
+pytestmark = pytest.mark.slow
+
+
+def made(name: str, folder: Path, *changes: str) -> Path:
+    """Run one frame of an example and return its dataset."""
+    assert main(["--config", name, "frames.count=1", *changes, "--out", str(folder / name), "--device", "cpu"]) == 0
+    store = store_of(folder / name)
+    config, findings = read_plan(store)
+    assert config is not None and not findings and not check_plan(store, config)
+    return folder / name
+
+
+def test_wet_brick_town(tmp_path: Path) -> None:
+    root = made("wet_brick_town", tmp_path, "channel.diffuse_samples=100", "sensors=[]")
+    data = open_dataset(root)
+    names = {name for row in data.read("objects", columns=["label", "materials"]).to_pylist()
+             if row["label"] == "building" for name in row["materials"]}  # fmt: skip
+    rows = [row for row in data.read("materials").to_pylist() if row["name"] in names and row["scattering"] == 0.3]
+    assert {row["weather"] for row in rows} == {"sunny", "rainy"}
+    for row in rows:
+        assert row["thickness"] == 0.2 and row["scattering_pattern"] == "directive"
+        assert (row["model"], row["relative_permittivity"]) == (
+            ("itu", 1.0) if row["weather"] == "sunny" else ("constant", 6.0)
+        )
+    kinds = {row["kind"] for row in data.read("paths", columns=["kind"]).to_pylist()}
+    assert "diffuse" in kinds
+    assert "finds nothing" not in (root / "README.md").read_text()
+
+
+def test_street_140ghz(tmp_path: Path) -> None:
+    root = made("street_140ghz", tmp_path, "channel.samples_per_tx=100_000")
+    links = open_dataset(root).read("links").to_pylist()
+    gains = {ghz: [row["gain_db"] for row in links if row["carrier_hz"] == ghz * 1e9] for ghz in (28, 60, 140)}
+    assert all(len(values) == 4 for values in gains.values())  # two CAVs in two weathers
+    best = {ghz: max(value for value in values if value is not None) for ghz, values in gains.items()}
+    assert best[28] > best[60] > best[140]
+    card = (root / "README.md").read_text()
+    assert "at 140 GHz: extrapolated from 29.5 GHz with the exponents of its last row" in card
+    assert "(itu_brick) at 60 GHz: interpolated between 40 and 110 GHz" in card
+    assert "28 GHz:" not in card
