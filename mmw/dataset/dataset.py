@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.dataset as pds
 import pyarrow.fs as pafs
 
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.column_arrays import arrays_of
@@ -67,6 +68,10 @@ class Dataset:
         if self.filesystem is None:
             return read_dataset(self.root)
         return parse_dataset(read_bytes(self.root, DATASET, self.filesystem), self.root)
+
+    def frame_rate_hz(self, scenario: str) -> int:
+        """Return the frames a second of a scenario: frame n is n / rate after its start [Hz]."""
+        return self.info.get("frame_rates_hz", {}).get(scenario, FRAME_RATE_HZ)  # older datasets have 100 Hz
 
     @cached_property
     def tables(self) -> tuple[str, ...]:

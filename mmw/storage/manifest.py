@@ -31,14 +31,15 @@ FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": st
 """Required content of each entry of that list."""
 MAX_NUMBER, MAX_FRAME = 2**63, 2**31 - 1
 """Limits of whole numbers in a manifest."""
-_META_TYPES = {"seconds": int | float}
+_META_TYPES = {"seconds": int | float, "frame_rate_hz": int}
 """Metadata of a marker that is no text."""
 CARD = "README.md"
 CONFIG = "config.yaml"
 """The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
 
 _NUMBERS = {
-    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(), "seconds": pa.float64()
+    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(), "seconds": pa.float64(),
+    "frame_rate_hz": pa.int32(),
 }  # fmt: skip
 _COLUMNS = (
     "table", "scenario", "weather", "frame_begin", "frame_end", "path", "rows", "bytes", "sha256", "schema_version",
@@ -59,6 +60,7 @@ def prepare_root(
     versions: Mapping[str, Any],
     overwrite: bool,
     inputs: Mapping[str, Mapping[str, str]] | None = None,
+    frame_rates_hz: Mapping[str, int] | None = None,
 ) -> None:
     """Start a dataset, or resume an unfinished one of the same configuration and input files.
 
@@ -72,6 +74,7 @@ def prepare_root(
         versions: Versions of the software.
         overwrite: Whether data of another configuration is removed.
         inputs: Hashes of the input files, see `mmw.scene.input_files`; not compared if absent here or in the dataset.
+        frame_rates_hz: Scenario -> frames a second, for readers.
 
     Raises:
         InputError: If the store has data of another configuration, of other input files or of another schema version,
@@ -100,6 +103,7 @@ def prepare_root(
         **({} if inputs is None else {"inputs_sha256": inputs_sha256(inputs), "inputs": inputs}),
         "versions": dict(versions),
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        **({} if frame_rates_hz is None else {"frame_rates_hz": dict(frame_rates_hz)}),
         "config": dict(config_identity),
     }
     _start_writing(store, json.dumps(content, indent=1).encode())

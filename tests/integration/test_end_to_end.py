@@ -116,7 +116,7 @@ def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
 def test_dry_run_foresees_the_bytes(dataset: Path, capsys: pytest.CaptureFixture) -> None:
     """Sizes of single files dominate in this small dataset; the constants for rays and pixels come from a full run."""
     config = load_config(CONFIG, [*SMALL, "channel.candidates=launch"])
-    rays, _ = frame_cost(config, {"cav": 3, "rsu": 1, "vehicles": 20, "boxes": 20})
+    rays, _ = frame_cost(config, {"cav": 3, "rsu": 1, "vehicles": 20, "boxes": 20}, config.scenarios[0])
     assert rays == {"lidar": 4 * 8 * 64, "depth": 64 * 48, "channel": 20_000 + 3 * 10_000}
     assert main(command(dataset, "--dry-run")) == 0
     number, unit = re.search(r"tables of about ([\d.]+) (\w)B", capsys.readouterr().out).groups()
