@@ -1,5 +1,6 @@
 """Instants at which a sensor or the radio channel samples: a rate with a phase, or a list of times."""
 
+from itertools import pairwise
 from typing import Any, Self
 
 import numpy as np
@@ -40,7 +41,7 @@ class Sampling(Section):
     @field_validator("sample_times_s")
     @classmethod
     def _in_order(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if any(later <= earlier for earlier, later in zip(value, value[1:], strict=False)) or min(value, default=0) < 0:
+        if any(later <= earlier for earlier, later in pairwise(value)) or min(value, default=0) < 0:
             raise InputError(f"{list(value)}: growing times from 0 on are needed; sort them, each once")
         return value
 

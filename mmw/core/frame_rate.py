@@ -1,8 +1,8 @@
 """Place frames in time: rates, and instants that frames of any rate share.
 
-Traffic is made at `FRAME_RATE_HZ` (100 Hz), and noise belongs to instants. A frame therefore has an instant on a grid of
-milliseconds, given as the frame of 100 Hz at or before it and the milliseconds since then. Frames of two rates at one
-time have one instant, so what is drawn or computed from it does not depend on the rate.
+Traffic is made at `FRAME_RATE_HZ` (100 Hz), and noise belongs to instants. A frame therefore has an instant on a grid
+of milliseconds, given as the frame of 100 Hz at or before it and the milliseconds since then. Frames of two rates at
+one time have one instant, so what is drawn or computed from it does not depend on the rate.
 """
 
 from collections.abc import Iterable

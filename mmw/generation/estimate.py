@@ -140,9 +140,7 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
     return "\n".join(lines)
 
 
-def frame_cost(
-    config: Config, counts: Mapping[str, int], scenario: ScenarioConfig
-) -> tuple[dict[str, int], float]:
+def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConfig) -> tuple[dict[str, int], float]:
     """Return the rays of each sensor and of the channel, and the bytes of rows in one weather, a frame on average."""
     frames, rate_hz = config.frames_of(scenario), config.frame_rate_of(scenario)
 

@@ -203,7 +203,9 @@ class Simulation:
         root = f"simulation of {self.scenario}"
         for frame in frames:
             own = {name: _rows_of(table, frame) for name, table in whole.items()}
-            yield Frame(MemoryTables(root, {**own, **self.static_tables}, self.rate_hz), self.scenario, self.weather, frame)
+            yield Frame(
+                MemoryTables(root, {**own, **self.static_tables}, self.rate_hz), self.scenario, self.weather, frame
+            )
 
 
 def _log(notes: Iterable[str]) -> None:

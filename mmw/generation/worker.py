@@ -163,7 +163,9 @@ class Worker:
             if pending_scenarios(context.root, [scenario.name]):
                 frames = context.config.frames_of(scenario)
                 actors = actor_presence(arrays, range(frames.start, frames.stop))
-                write_scenario(context.root, scenario.name, static_rows(arrays, context.config), self._meta_of(scenario), actors)
+                write_scenario(
+                    context.root, scenario.name, static_rows(arrays, context.config), self._meta_of(scenario), actors
+                )
         if not on_device:
             return None
         with timer.stage("kernels"):

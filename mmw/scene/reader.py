@@ -42,8 +42,8 @@ def read_stage(
     """Read town, actors, poses and materials of a stage.
 
     A mesh under a prim that moves, or that has `mmw:actor:role` cav or vehicle, belongs to the topmost such prim; every
-    other mesh is static town. Frame n is n / `rate_hz` after the stage's start. Meshes that are invisible, or of purpose
-    proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
+    other mesh is static town. Frame n is n / `rate_hz` after the stage's start. Meshes that are invisible, or of
+    purpose proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
 
     Args:
         path: USD file.
@@ -111,9 +111,7 @@ def read_stage(
     return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), rate_hz)
 
 
-def _frame_times(
-    stage: Usd.Stage, name: str, frames: range, margin: int, rate_hz: int
-) -> tuple[range, np.ndarray]:
+def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int, rate_hz: int) -> tuple[range, np.ndarray]:
     """Return the frames to read, margins included, and the time code of each row of poses."""
     if len(frames) == 0:
         raise InputError(f"{name}: no frames are given; at least one is needed")
@@ -125,7 +123,7 @@ def _frame_times(
         if outside:
             raise InputError(
                 f"{name}: frame {outside[0]} is outside the stage, which holds frames 0 to {last} "
-                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second) at {rate_hz} frames a second; give frames within"
+                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second), {rate_hz} a second; give others"
             )
     frames = range(max(frames[0] - margin, 0), min(frames[-1] + margin, last) + 1)
     stride = pose_stride(rate_hz)

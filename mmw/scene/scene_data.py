@@ -120,8 +120,8 @@ class SceneData:
     frames: range
     """Frames that `poses` covers, F of them, consecutive."""
     poses: np.ndarray
-    """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [(F - 1) S + 1, V, 7], float64; NaN where an actor is absent. S is
-    `pose_stride`: derivatives take neighboring rows, `pose_dt` apart, which is at most 10 ms at any frame rate."""
+    """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [(F - 1) S + 1, V, 7], float64; NaN where an actor is absent. S
+    is `pose_stride`: derivatives take neighboring rows, `pose_dt` apart, which is at most 10 ms at any frame rate."""
     materials: dict[str, tuple[Material, ...]]
     """Weather -> materials by id; an id means the same prim in every weather."""
     objects: tuple[SceneObject, ...] = field(default=())

@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import FRAME_RATES
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
 from mmw.storage.foreign_files import check_foreign_files
@@ -38,8 +39,8 @@ CONFIG = "config.yaml"
 """The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
 
 _NUMBERS = {
-    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(), "seconds": pa.float64(),
-    "frame_rate_hz": pa.int32(),
+    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(),
+    "seconds": pa.float64(), "frame_rate_hz": pa.int32(),
 }  # fmt: skip
 _COLUMNS = (
     "table", "scenario", "weather", "frame_begin", "frame_end", "path", "rows", "bytes", "sha256", "schema_version",
@@ -159,9 +160,17 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     versions = head["versions"] if isinstance(head["versions"], dict) else {}
     if not is_hashes({"packages": versions.get("packages", {})}) or not is_hashes(versions.get("sources", {})):
         wrong.append("versions")
+    if any(rate not in FRAME_RATES for rate in frame_rates(head).values()):
+        wrong.append("frame_rates_hz")
     if wrong:
         raise InputError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
     return head
+
+
+def frame_rates(head: Mapping[str, Any]) -> dict[str, int]:
+    """Return scenario -> frames a second, of a `dataset.json`; a dataset of before there were rates has none."""
+    rates = head.get("frame_rates_hz", {})
+    return rates if isinstance(rates, dict) else {"": 0}  # no rate
 
 
 def read_markers(root: Root) -> list[dict[str, Any]]:

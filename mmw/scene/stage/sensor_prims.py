@@ -53,7 +53,9 @@ def write_sensors(
             prim = define(layer, path)
             place(prim, pose)
         set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, sensor.type)
-        settings = json.dumps(sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True)
+        settings = json.dumps(
+            sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True
+        )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
     if role in antenna_position_m:
         prim = define(layer, f"{agent_path}/Sensors/antenna")

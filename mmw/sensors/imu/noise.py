@@ -15,8 +15,8 @@ and random_walk sqrt(tau / 3) for long times. Defaults: the paper's white noise 
 at 100 Hz is a density of 0.01 m/s^2/Hz^0.5 and 2e-4 rad/s/Hz^0.5; the random walks are design values of consumer MEMS.
 Errors belong to the axes that are reported, so CARLA's bias is added to CARLA's axes.
 
-Everything is a function of (seed, scenario, agent, sensor, time), and of the rate of the samples for n_k, see `mmw.core.random_series`; weather moves
-nothing here.
+Everything is a function of (seed, scenario, agent, sensor, time), and n_k of the rate of the samples too, see
+`mmw.core.random_series`; weather moves nothing here.
 
 Source: IEEE Std 952-1997, appendix C; noise model of J. Rehder et al., "Extending kalibr" (2016), section III.
 """

@@ -59,7 +59,8 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
     """Return the first surface on every ray of every view.
 
     Args:
-        scene: Town and vehicles, with the views' frames loaded; for a rolling sweep made with `sweep_s=sweep_duration(config)`.
+        scene: Town and vehicles, with the views' frames loaded; for a rolling sweep made with its
+            `sweep_duration` as `sweep_s`.
         views: Sensor poses, A rows.
         config: Pattern and range.
         motion: `differentiate(scene.arrays.poses, scene.arrays.pose_dt)`, if at hand; only a rolling sweep looks at it.
