@@ -16,7 +16,8 @@ def configs_dir() -> Path:
 def shipped_configs() -> dict[str, Path]:
     """Return the shipped configurations by name, those of single scenarios last."""
     folder = configs_dir()
-    return {path.stem: path for path in (*sorted(folder.glob("*.yaml")), *sorted(folder.glob("scenarios/*.yaml")))}
+    patterns = ("*.yaml", "examples/*.yaml", "scenarios/*.yaml")
+    return {path.stem: path for pattern in patterns for path in sorted(folder.glob(pattern))}
 
 
 def assets_dir() -> Path:
