@@ -73,7 +73,7 @@ class Config(Section):
         if len(rates) == 1:  # with several, a sensor without a rate has that of each scenario
             (rate,) = rates
             object.__setattr__(self, "sensors", tuple(sensor.with_rate(rate) for sensor in self.sensors))
-        sampled: list[tuple[str, Sampling]] = [(f"sensors.{sensor.name}", sensor) for sensor in self.sensors]
+        sampled: list[tuple[str, Sampling]] = [(f"sensors[{n}]", one) for n, one in enumerate(self.sensors)]
         if self.channel.enabled:
             sampled.append(("channel", self.channel))
         for scenario in self.scenarios:

@@ -71,7 +71,7 @@ def test_a_stored_configuration_is_read_as_it_was() -> None:
         ({"rate_hz": 30}, {}, r"frames.rate_hz = 30: .*; give 25 or 40"),
         ({"rate_hz": 1000}, {"channel": {"rate_hz": 300}}, r"channel.rate_hz = 300: .*; give 333.333 or 250"),
         ({}, {"channel": {"rate_hz": 200}}, r"channel.rate_hz = 200: .*; give at most 100, or raise frames.rate_hz"),
-        ({}, {"sensors": [{"type": "imu", "rate_hz": 40}]}, r"sensors.imu.rate_hz = 40: .*; give 50 or 33.3333"),
+        ({}, {"sensors": [{"type": "imu", "rate_hz": 40}]}, r"sensors\[0\].rate_hz = 40: .*; give 50 or 33.3333"),
         ({}, {"channel": {"phase_s": 0.01}}, r"channel.phase_s = 0.01: .* period, 0.01 s; give 0 to 0$"),
         ({}, {"channel": {"rate_hz": 20, "phase_s": 0.015}}, r"phase_s = 0.015: .*; give 0.01 or 0.02"),
         ({}, {"channel": {"rate_hz": 20, "phase_s": 0.05}}, r"phase_s = 0.05: .* 0.05 s; give 0 to 0.04"),

@@ -30,7 +30,7 @@ def test_a_configuration_of_sections_is_that_of_a_file(tmp_path: Path) -> None:
     lidar = Lidar(range_m=80)
     made = Config(scenarios=[TOWN], sensors=[lidar, RgbCamera(name="front")], frames=FramesConfig(count=5))
     assert made == load_config(path) and made.sha256() == load_config(path).sha256()
-    assert made.sensors[0] is lidar
+    assert made.sensors[0] == lidar.with_rate(100)  # every frame
     assert pickle.loads(pickle.dumps(made)) == made
 
 
@@ -117,7 +117,7 @@ def test_every_problem_of_an_object_has_its_line() -> None:
 def test_a_registered_sensor_may_be_an_object() -> None:
     with thermometer():
         made = Config(scenarios=[TOWN], sensors=[Thermometer()])
-        assert made.sensors == (Thermometer(),) and load_config(made) == made
+        assert made.sensors == (Thermometer(rate_hz=100.0),) and load_config(made) == made
         assert load_config({"scenarios": [TOWN], "sensors": [Thermometer()]}) == made
 
 

@@ -1,4 +1,4 @@
-"""A dataset whose sensors and channel sample at rates, phases and times of their own, and the same one at other rates."""
+"""A dataset whose sensors and channel sample at rates, phases and times of their own, and the same at other rates."""
 
 import json
 from pathlib import Path
@@ -244,7 +244,7 @@ def _pairs(text: str) -> list[tuple[str, str]]:
 def test_the_example_runs(tmp_path: Path) -> None:
     """A LiDAR at 10 Hz beside channel state at 1 kHz, in small."""
     changes = ["frames.count=101", "scenarios[0].traffic.vehicle_count=9", "sensors.front.width_px=32"]
-    changes += ["sensors.front.height_px=24", "sensors.front.sample_times_s=[0.0, 0.1]", "sensors.lidar.channels=8"]
+    changes += ["sensors.front.height_px=24", "sensors.lidar.channels=8"]
     out = tmp_path / "d"
     assert main(["run", "lidar_10hz_csi_1khz", *changes, "--out", str(out), "--device", "cpu"]) == 0
     data = mmw.open_dataset(out)

@@ -160,7 +160,7 @@ def test_parts_follow_the_selection(root: Path) -> None:
     picked = Selection(("town_b",), ("sunny",), ("rsu_1", "cav_2"), range(1, 8, 3))
     (part,) = parts(dataset, picked)
     assert (part.scenario, part.frames, part.agents) == ("town_b", (1, 4, 7), ("cav_2", "rsu_1"))
-    assert parts(dataset, picked, step=2)[0].frames == (4,)
+    assert parts(dataset, picked, step_of=lambda scenario: 2)[0].frames == (4,)
     for kind, selection in (
         ("scenario=x", Selection(scenarios=("x",))),
         ("weather=x", Selection(weathers=("x",))),
@@ -169,7 +169,7 @@ def test_parts_follow_the_selection(root: Path) -> None:
         with pytest.raises(ValueError, match=f"{kind}: .* has .*; give one of them"):
             parts(dataset, selection)
     with pytest.raises(ValueError, match="nothing is left"):
-        parts(dataset, Selection(frames=range(1, 2)), step=2)
+        parts(dataset, Selection(frames=range(1, 2)), step_of=lambda scenario: 2)
 
 
 def test_every_format_lists_its_losses() -> None:
