@@ -55,7 +55,8 @@ def test_an_object_is_a_source_like_its_file(path: Path) -> None:
     assert again == config and again.sha256() == config.sha256()
     changes = ["frames.count=3", "sensors.0.name=first", "scenarios.0.name=other"]
     assert load_config(config, changes) == load_config(path, changes)
-    assert load_config(config, patch={"frames": FramesConfig(count=2)}).frames == FramesConfig(count=2)
+    frames = FramesConfig(count=2, rate_hz=config.frames.rate_hz if config.frames else None)
+    assert load_config(config, patch={"frames": frames}).frames == frames
     assert config == load_config(path)  # untouched
 
 

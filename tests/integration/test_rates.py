@@ -104,7 +104,7 @@ def test_a_row_between_the_samples_is_too_many(fast: Path, tmp_path: Path, capsy
 
 
 def test_samples_do_not_depend_on_the_rate_of_frames(folder: Path, fast: Path) -> None:
-    """What two datasets have at one time is one row: poses and boxes, points and their noise, fixes, radio paths."""
+    """One time is one row in two datasets: poses and boxes, points and their noise, radio paths."""
     slow = ("frames.count=9", "frames.rate_hz=100", SENSORS.replace("rate_hz: 500", "rate_hz: 100"))
     slow = tuple(text.replace(", phase_s: 0.004", "").replace("0.033", "0.03") for text in slow)
     assert run_own(folder, "slow", *slow) == 0
