@@ -22,6 +22,7 @@ from mmw.scene.sources import scenario_source
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.viz.report.inventory import take_inventory
 from mmw.viz.report.page import make_report
+from tests.fixtures.edit_files import edit_json
 from tests.fixtures.own_world import run_own, write_own_world
 from tests.fixtures.small_dataset import copy_of, rewrite
 
@@ -137,6 +138,17 @@ def test_a_rate_below_100_hz_has_the_very_same_motion(folder: Path) -> None:
         first = first.filter(pc.equal(pc.bit_wise_and(first["frame"], 1), 0))
         first, second = (rows.drop_columns(["frame"]).combine_chunks() for rows in (first, second))
         assert first.num_rows > 0 and first.equals(second), table
+
+
+def test_datasets_of_before_have_100_hz_and_damaged_rates_are_told(fast: Path, tmp_path: Path) -> None:
+    old = copy_of(fast, tmp_path / "old")
+    edit_json(old / "dataset.json", lambda head: head.pop("frame_rates_hz"))
+    assert mmw.open_dataset(old).frame_rate_hz("mine") == 100
+    for number, rates in enumerate(({"mine": 30}, {"mine": "1000"}, [1000])):
+        broken = copy_of(fast, tmp_path / str(number))
+        edit_json(broken / "dataset.json", lambda head, rates=rates: head.update(frame_rates_hz=rates))
+        with pytest.raises(mmw.InputError, match="frame_rates_hz cannot be understood"):
+            mmw.open_dataset(broken)
 
 
 def test_learning_reads_the_latest_sample_of_each_rate(fast: Path) -> None:
