@@ -20,7 +20,6 @@ import numpy as np
 
 from mmw.channel import CarrierPaths, frequency_response, subcarrier_frequencies, tracks_from_table
 from mmw.channel.path_tracks import TRACK_COLUMNS, PathTracks
-from mmw.core.constants import FRAME_DT
 from mmw.dataset import open_dataset
 
 SLOT_S = 0.5e-3
@@ -42,7 +41,7 @@ def read_tracks(root: Path, carrier_hz: float) -> PathTracks:
     data = open_dataset(root)
     first = data.read("frames", columns=["scenario", "weather"]).slice(0, 1).to_pylist()[0]
     paths, links = data.read("paths", columns=TRACK_COLUMNS, **first), data.read("links", **first)
-    return tracks_from_table(paths, carrier_hz, links)
+    return tracks_from_table(paths, carrier_hz, links, rate_hz=data.frame_rate_hz(first["scenario"]))
 
 
 def response(rows: CarrierPaths, ahead_s: float = 0.0) -> np.ndarray:
@@ -103,7 +102,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--snr", type=float, default=20.0, help="signal over noise of a pilot [dB]")
     given = parser.parse_args(argv)
     tracks, rng = read_tracks(given.root, given.carrier), np.random.default_rng(0)
-    times = np.arange(tracks.frames[0] * FRAME_DT, tracks.frames[-1] * FRAME_DT, SLOT_S)
+    times = np.arange(tracks.frames[0] / tracks.rate_hz, tracks.frames[-1] / tracks.rate_hz, SLOT_S)
     half = len(times) // 2
     moments = [tracks.at(time) for time in times]
     h = np.stack([response(rows) for rows in moments])  # [T, L, K]

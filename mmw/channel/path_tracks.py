@@ -26,7 +26,7 @@ from mmw.channel.path_table import (
     rows_from_paths,
 )
 from mmw.channel.paths import PathSet
-from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.physics.em.field import times
 
@@ -37,14 +37,15 @@ TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
 """Columns of table `paths` that `tracks_from_table` needs."""
 
 TIME_DECIMALS = 8
-"""Times are rounded to this many decimals of a frame (0.1 ns), so that n / 100 in floating point is frame n."""
+"""Times are rounded to this many decimals of a frame (0.1 ns), so that n / rate in floating point is frame n."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathTracks(PathSamples):
     """Tracks of one scenario, weather and carrier: L links, K tracks, S samples (P = S).
 
-    A track is one path of one link over consecutive frames. A path that is away for a frame comes back as a new track.
+    A track is one path of one link over consecutive frames of the channel, `step` frames apart. A path that is away for
+    one of them comes back as a new track.
     Tracks are sorted by (link, path_id, birth); the samples of track k are `offset[k]` to `offset[k + 1]`, in the order
     of frames.
     """
@@ -66,6 +67,15 @@ class PathTracks(PathSamples):
     """First sample of each track, and S behind the last, shape [K + 1], int64."""
     frame: np.ndarray
     """Frame of each sample, shape [S], int64."""
+    rate_hz: int = FRAME_RATE_HZ
+    """Frames a second."""
+    step: int = 1
+    """Frames from one sample of the channel to the next."""
+
+    @property
+    def step_s(self) -> float:
+        """Time from one sample of the channel to the next [s]."""
+        return self.step / self.rate_hz
 
     def __len__(self) -> int:
         """Return the number of tracks."""
@@ -99,12 +109,12 @@ class PathTracks(PathSamples):
     @property
     def is_birth(self) -> np.ndarray:
         """True where the frame before the birth was recorded, so the path is known not to be there, shape [K]."""
-        return np.isin(self.birth - 1, self.frames)
+        return np.isin(self.birth - self.step, self.frames)
 
     @property
     def is_death(self) -> np.ndarray:
         """True where the frame after the death was recorded, so the path is known to be gone, shape [K]."""
-        return np.isin(self.death + 1, self.frames)
+        return np.isin(self.death + self.step, self.frames)
 
     @property
     def tau_rate(self) -> np.ndarray:
@@ -112,13 +122,13 @@ class PathTracks(PathSamples):
         return -self.doppler_hz / self.carrier_hz
 
     def lifetimes(self, complete: bool = True) -> np.ndarray:
-        """Return the lifetimes of tracks [s], shape [n]: frames times 1/100 s, wrong by up to one frame.
+        """Return the lifetimes of tracks [s], shape [n]: samples times `step_s`, wrong by up to one sample.
 
         Args:
             complete: Only tracks whose birth and death are in the record; the others last longer.
         """
         keep = self.is_birth & self.is_death if complete else np.ones(len(self), dtype=bool)
-        return self.length[keep] * FRAME_DT
+        return self.length[keep] * self.step_s
 
     def births(self) -> np.ndarray:
         """Return the number of tracks born in each of `frames`, shape [F], int64."""
@@ -143,7 +153,7 @@ class PathTracks(PathSamples):
         bases that are carried along the arc, so azimuths may run fast near the zenith).
 
         Args:
-            time_s: Times after the start of the scenario, frame / 100 on a frame [s]; one, or shape [T].
+            time_s: Times after the start of the scenario, frame / rate on a frame [s]; one, or shape [T].
             edges: Tracks that are there on one side only. `hold`: go on for half a frame, at their own Doppler shift
                 and with the coefficients of that frame; every instant belongs to exactly one frame, so a path that
                 changes its name is there once, and diffuse paths, which live in one frame, keep their power. `fade`:
@@ -166,7 +176,7 @@ class PathTracks(PathSamples):
         frame, share = self._locate(time)
         moment, first = self._samples_in(frame)
         s, has_next = share[moment], first + 1 < self.offset[self.track[first] + 1]
-        next_moment, next_sample = self._samples_in(frame + 1)
+        next_moment, next_sample = self._samples_in(frame + self.step)
         new = (next_sample == self.offset[self.track[next_sample]]) & (share[next_moment] > 0.0)
         keep = has_next | (s == 0.0)
         if edges == "drop":
@@ -177,28 +187,31 @@ class PathTracks(PathSamples):
         moment, first, s, has_next = moment[keep], first[keep], s[keep], has_next[keep]
         next_moment, next_sample = next_moment[new], next_sample[new]
         sample = np.concatenate([first, next_sample])
-        beyond = np.concatenate([s, share[next_moment] - 1.0])  # frames from the sample to the time
+        beyond = np.concatenate([s, share[next_moment] - 1.0])  # samples from this one to the time
         both = np.concatenate([has_next & (s > 0.0), np.zeros(len(next_sample), dtype=bool)])
         moment = np.concatenate([moment, next_moment])
         order = np.lexsort((self.track[sample], moment))
         moment, sample, beyond, both = moment[order], sample[order], beyond[order], both[order]
         link = moment * self.link_count + self.link[self.track[sample]]
-        keys = self._keys(frame + (share >= 0.5))
+        keys = self._keys(frame + self.step * (share >= 0.5))
         values = self._values(sample, beyond, both, edges)
         return CarrierPaths(carrier_hz=self.carrier_hz, keys=keys, link=link, **values)
 
     def _locate(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frame at or before each time, and the share of a frame since then."""
-        position = np.round(time * FRAME_RATE_HZ, TIME_DECIMALS)
+        """Return the sampled frame at or before each time, and the share of a step since then."""
+        first = int(self.frames[0]) if len(self.frames) else 0
+        position = (np.round(time * self.rate_hz, TIME_DECIMALS) - first) / self.step
         is_there = np.isfinite(position)
-        frame = np.floor(np.where(is_there, position, -1.0)).astype(np.int64)
-        share = np.where(is_there, position - frame, 0.0)
-        is_there &= np.isin(frame, self.frames) & (np.isin(frame + 1, self.frames) | (share == 0.0))
+        sample = np.floor(np.where(is_there, position, -1.0)).astype(np.int64)
+        share = np.where(is_there, position - sample, 0.0)
+        frame = first + self.step * sample
+        is_there &= np.isin(frame, self.frames) & (np.isin(frame + self.step, self.frames) | (share == 0.0))
         if not is_there.all():
             wrong = int(np.argmin(is_there))
             raise InputError(
-                f"PathTracks.at: time_s = {time[wrong]:g}; it needs frames {frame[wrong]} and {frame[wrong] + 1}, and "
-                f"there are {len(self.frames)} frames from {self.frames[0]} to {self.frames[-1]}; give times between "
+                f"PathTracks.at: time_s = {time[wrong]:g}; it needs frames {frame[wrong]} and "
+                f"{frame[wrong] + self.step}, and there are {len(self.frames)} frames from {self.frames[0]} to "
+                f"{self.frames[-1]}; give times between "
                 "recorded frames, or the rows of table links if a frame is missing that has no path"
             )
         return frame, share
@@ -223,9 +236,9 @@ class PathTracks(PathSamples):
         return keys.reshape(-1)
 
     def _values(self, sample: np.ndarray, beyond: np.ndarray, both: np.ndarray, edges: Edges) -> dict[str, np.ndarray]:
-        """Return the columns at `beyond` frames after samples; `both` where the next one counts too."""
+        """Return the columns at `beyond` steps after samples; `both` where the next one counts too."""
         values = {name: getattr(self, name)[sample] for name in SAMPLE_COLUMNS}
-        values["tau"] = values["tau"] - beyond * FRAME_DT * values["doppler_hz"] / self.carrier_hz
+        values["tau"] = values["tau"] - beyond * self.step_s * values["doppler_hz"] / self.carrier_hz
         if edges == "fade":
             weight = np.where(both, 1.0, 1.0 - np.abs(beyond))
             values["a"], values["transfer"] = values["a"] * weight, values["transfer"] * weight[:, None, None]
@@ -235,9 +248,9 @@ class PathTracks(PathSamples):
             column = getattr(self, name)
             return column[ends[0]], column[ends[1]]
 
-        first, second = (-FRAME_DT / self.carrier_hz * doppler for doppler in pair("doppler_hz"))
+        first, second = (-self.step_s / self.carrier_hz * doppler for doppler in pair("doppler_hz"))
         values["tau"][both], change = cubic_between(pair("tau"), (first, second), s)
-        values["doppler_hz"][both] = -self.carrier_hz / FRAME_DT * change
+        values["doppler_hz"][both] = -self.carrier_hz / self.step_s * change
         departure, tx_turn = direction_between(pair("theta_t"), pair("phi_t"), s)
         arrival, rx_turn = direction_between(pair("theta_r"), pair("phi_r"), s)
         values["theta_t"][both], values["phi_t"][both] = departure
@@ -249,7 +262,9 @@ class PathTracks(PathSamples):
         return values
 
 
-def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = None) -> PathTracks:
+def tracks_from_table(
+    table: Any, carrier_hz: float | None = None, links: Any = None, *, rate_hz: int = FRAME_RATE_HZ, step: int = 1
+) -> PathTracks:
     """Return the tracks of rows of table `paths` of one scenario and weather.
 
     Args:
@@ -257,6 +272,8 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
         carrier_hz: Carrier [Hz]; None selects the only one there is.
         links: Rows of table `links`, of any of those kinds. They say which frames and links there are besides those
             that have paths.
+        rate_hz: Frames a second, `Dataset.frame_rate_hz`.
+        step: Frames from one sample of the channel to the next, where `channel.rate_hz` is lower than the frames' rate.
 
     Raises:
         InputError: As `CarrierPaths.from_table`; or if there are several scenarios or weathers, or a path is twice in a
@@ -275,7 +292,7 @@ def tracks_from_table(table: Any, carrier_hz: float | None = None, links: Any = 
     path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)
     if path_id.dtype.kind not in "iu" and len(path_id):
         raise InputError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
-    return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row])
+    return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row], rate_hz=rate_hz, step=step)
 
 
 def tracks_from_paths(links: Links, paths: PathSet, *args: Any, **names: Any) -> PathTracks:
@@ -287,12 +304,16 @@ def tracks_from_paths(links: Links, paths: PathSet, *args: Any, **names: Any) ->
     return tracks_from_rows(rows_from_paths(links, paths, *args, **names), paths.path_id)
 
 
-def tracks_from_rows(paths: CarrierPaths, path_id: np.ndarray) -> PathTracks:
+def tracks_from_rows(
+    paths: CarrierPaths, path_id: np.ndarray, *, rate_hz: int = FRAME_RATE_HZ, step: int = 1
+) -> PathTracks:
     """Return the tracks of paths of one scenario and weather.
 
     Args:
         paths: Paths of links, a link for each (frame, agent, peer). Frames without links are taken as not recorded.
         path_id: What each path is in every frame, shape [P], int64.
+        rate_hz: Frames a second.
+        step: Frames from one sample of the channel to the next.
 
     Raises:
         InputError: If there is not exactly one scenario and weather, or a path is twice in a frame of a link.
@@ -313,15 +334,15 @@ def tracks_from_rows(paths: CarrierPaths, path_id: np.ndarray) -> PathTracks:
     link, frame = number[pair_of][paths.link], paths.keys["frame"][paths.link]
     order = np.lexsort((frame, path_id, link))
     link, path_id, frame = link[order], path_id[order], frame[order]
-    is_same, step = (np.diff(link) == 0) & (np.diff(path_id) == 0), np.diff(frame)
-    twice = np.flatnonzero(is_same & (step == 0))
+    is_same, gap = (np.diff(link) == 0) & (np.diff(path_id) == 0), np.diff(frame)
+    twice = np.flatnonzero(is_same & (gap == 0))
     if len(twice):
         k = by_name[link[twice[0]]]
         raise InputError(
             f"tracks: {len(twice)} paths are twice in a frame of a link, the first {path_id[twice[0]]} from {peer[k]} "
             f"to {agent[k]} in frame {frame[twice[0]]}; give each row once, and one path_id a path"
         )
-    first = np.flatnonzero(np.concatenate([np.ones(min(len(frame), 1), dtype=bool), ~is_same | (step != 1)]))
+    first = np.flatnonzero(np.concatenate([np.ones(min(len(frame), 1), dtype=bool), ~is_same | (gap != step)]))
     return PathTracks(
         carrier_hz=paths.carrier_hz,
         scenario=scenario,
@@ -333,5 +354,7 @@ def tracks_from_rows(paths: CarrierPaths, path_id: np.ndarray) -> PathTracks:
         path_id=path_id[first],
         offset=np.append(first, len(frame)),
         frame=frame,
+        rate_hz=rate_hz,
+        step=step,
         **{name: getattr(paths, name)[order] for name in SAMPLE_COLUMNS},
     )

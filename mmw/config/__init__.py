@@ -9,6 +9,7 @@ from mmw.config.load import load_config
 from mmw.config.material_map import MaterialChanges, MaterialEntry
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
+from mmw.config.sampling import Sampling
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorConfig
 from mmw.config.shipped import config_path
@@ -16,6 +17,7 @@ from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
-    "LensConfig", "MaterialChanges", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig",
+    "LensConfig", "MaterialChanges", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "Sampling",
+    "ScenarioConfig",
     "SensorConfig", "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

@@ -4,11 +4,12 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
-from mmw.config.section import Section, Vec3
+from mmw.config.sampling import Sampling
+from mmw.config.section import Vec3
 from mmw.core.errors import InputError
 
 
-class ChannelConfig(Section):
+class ChannelConfig(Sampling):
     """Paths on every link: line of sight, sequences of specular reflections, and what else is switched on."""
 
     enabled: bool = Field(default=True, description="trace radio channels at all (true or false)")

@@ -11,9 +11,11 @@ from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
 from mmw.config.material_map import MaterialEntry, merged_maps
 from mmw.config.output import OutputConfig
+from mmw.config.sampling import Sampling
 from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import AnySensor, default_sensors
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 
 
@@ -71,6 +73,21 @@ class Config(Section):
             raise InputError(f"weathers = {list(self.weathers)} names one twice; name each once")
         return self
 
+    @model_validator(mode="after")
+    def _samples_fall_on_frames(self) -> "Config":
+        rates = {self.frame_rate_of(scenario) for scenario in self.scenarios}
+        if len(rates) == 1:  # with several, a sensor without a rate has that of each scenario
+            (rate,) = rates
+            object.__setattr__(self, "sensors", tuple(sensor.with_rate(rate) for sensor in self.sensors))
+        sampled: list[tuple[str, Sampling]] = [(f"sensors[{n}]", one) for n, one in enumerate(self.sensors)]
+        if self.channel.enabled:
+            sampled.append(("channel", self.channel))
+        for scenario in self.scenarios:
+            frames = self.frames_of(scenario)
+            for where, one in sampled:
+                one.check_frames(where, range(frames.start, frames.stop), self.frame_rate_of(scenario))
+        return self
+
     def scenario(self, name: str) -> ScenarioConfig:
         """Return a scenario by its name, the first one for an empty name.
 
@@ -89,6 +106,11 @@ class Config(Section):
     def materials_of(self, scenario: ScenarioConfig) -> dict[str, MaterialEntry]:
         """Return the material map of a scenario: its own entries, then those of the whole configuration."""
         return merged_maps(scenario.materials, self.materials)
+
+    def frame_rate_of(self, scenario: ScenarioConfig) -> int:
+        """Return the frames a second of a scenario: of `frames`, else of the scenario's own `frames`, else 100 Hz."""
+        given = [frames.rate_hz for frames in (self.frames, scenario.frames) if frames is not None]
+        return next((rate for rate in given if rate is not None), FRAME_RATE_HZ)
 
     @property
     def variants(self) -> dict[str, tuple[str, ...]]:

@@ -3,27 +3,45 @@
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from mmw.config.material_map import MaterialEntry
 from mmw.config.section import InputFile, InputPath, Name, PathText, PrimName, Section, Vec3
 from mmw.config.traffic_engine import ENGINE_KEYS, ENGINES, engine_spec
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import FRAME_RATES, check_frame_rate
 
 TOWN_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 """A `town` that ends like this is a file of the user's, any other a shipped town's name."""
 
 
 class FramesConfig(Section):
-    """A stretch of a scenario; frame n is n / 100 s after its start."""
+    """A stretch of a scenario; frame n is n / `rate_hz` after its start."""
 
-    start: int = Field(default=0, ge=0, description="first frame (frame number, 1/100 s)")
+    start: int = Field(default=0, ge=0, description="first frame (frame number)")
     count: int = Field(default=1000, ge=1, le=1_000_000, description="frames to make (count)")
+    rate_hz: int | None = Field(
+        default=None,
+        json_schema_extra={"anyOf": [{"enum": list(FRAME_RATES)}, {"type": "null"}]},
+        description="frames a second, a part of 1000; 100 by default. Traffic and noise at an instant do not depend on "
+        "it [Hz]",
+    )
 
     @property
     def stop(self) -> int:
         """One past the last frame."""
         return self.start + self.count
+
+    @field_validator("rate_hz", mode="before")
+    @classmethod
+    def _whole_milliseconds(cls, value: Any) -> Any:
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        return check_frame_rate(value) if is_number else value
+
+    @model_serializer(mode="wrap")
+    def _without_default(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out a rate that is not given, so that configurations of before there were rates keep their hash."""
+        return {key: value for key, value in handler(self).items() if key != "rate_hz" or value is not None}
 
 
 class RsuConfig(Section):

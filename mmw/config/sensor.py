@@ -1,19 +1,14 @@
 """Common section of all sensors: a name, the agents that carry it, and its mount on them."""
 
-from collections.abc import Iterable
 from typing import Any, Literal
 
 from pydantic import Field, field_validator
 
+from mmw.config.sampling import Sampling
 from mmw.config.section import Name, Section, Vec3
-from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 
 Role = Literal["cav", "rsu"]
-
-RATE_TOLERANCE = 1e-3
-"""Largest relative difference between a rate and the nearest whole part of the frame rate: 33.33 Hz is every third
-frame. Design value."""
 
 MAX_OFFSET_M = 1000.0
 """Largest offset of a sensor from its agent along an axis [m]. Design value."""
@@ -50,18 +45,12 @@ def mounts_at(**position_m: Vec3) -> Any:
     )
 
 
-class SensorConfig(Section):
+class SensorConfig(Sampling):
     """One sensor of an agent: the base of every sensor's section."""
 
     type: str
     name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
     on: tuple[Role, ...] = Field(description="agents that carry it: `cav`, `rsu` (list)")
-    rate_hz: float = Field(
-        default=float(FRAME_RATE_HZ),
-        gt=0,
-        le=FRAME_RATE_HZ,
-        description="samples a second, 100 / n; frame 0 has the first [Hz]",
-    )
     mount: dict[Role, MountConfig] = mounts_at()
 
     @field_validator("on")
@@ -69,18 +58,6 @@ class SensorConfig(Section):
     def _once(cls, value: tuple[Role, ...]) -> tuple[Role, ...]:
         if len(set(value)) != len(value):
             raise InputError(f"{list(value)} names a role twice; name each once")
-        return value
-
-    @field_validator("rate_hz")
-    @classmethod
-    def _fits_frames(cls, value: float) -> float:
-        period = FRAME_RATE_HZ / value
-        if abs(period - round(period)) > RATE_TOLERANCE * period:
-            nearest = [f"{FRAME_RATE_HZ / n:g}" for n in (int(period), int(period) + 1)]
-            raise InputError(
-                f"samples fall on frames, {FRAME_RATE_HZ} a second, and {value:g} Hz does not divide them; "
-                f"give {' or '.join(nearest)}"
-            )
         return value
 
     @field_validator("mount")
@@ -95,12 +72,3 @@ class SensorConfig(Section):
         """
         mounts: dict[str, MountConfig] = {**self.mount}
         return mounts.get("cav" if role in ("vehicle", "pedestrian") else role, MountConfig())
-
-    @property
-    def period_frames(self) -> int:
-        """Frames from one sample to the next; frame 0 has the first."""
-        return round(FRAME_RATE_HZ / self.rate_hz)
-
-    def sample_frames(self, frames: Iterable[int]) -> list[int]:
-        """Return those of the frames in which the sensor samples, in their order."""
-        return [int(frame) for frame in frames if frame % self.period_frames == 0]

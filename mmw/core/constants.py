@@ -1,4 +1,4 @@
-"""Physical constants and the frame rate. Source of the SI values: CODATA 2022."""
+"""Physical constants and the usual frame rate. Source of the SI values: CODATA 2022."""
 
 SPEED_OF_LIGHT = 299_792_458.0
 """Speed of light in vacuum [m/s], exact."""
@@ -10,7 +10,7 @@ GRAVITY = 9.81
 """Acceleration of gravity that the IMU model uses [m/s^2]: CARLA's value, so that rest reads +9.81 on z."""
 
 FRAME_RATE_HZ = 100
-"""Frames per second: one sample per 5G NR frame (10 ms); timeCodesPerSecond of every scenario stage."""
+"""Frames per second unless a scenario has another rate, one per 5G NR frame (10 ms); traffic is made at it."""
 
 FRAME_DT = 1.0 / FRAME_RATE_HZ
-"""Time between frames [s]."""
+"""Time between those frames [s]."""

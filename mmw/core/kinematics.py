@@ -92,9 +92,7 @@ def differentiate_rows(poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT
 
 def _differentiate_interval(poses: np.ndarray, dt: float) -> Motion:
     q = normalize(poses[..., 3:])
-    position = np.concatenate(
-        [_one_before(poses[..., :3])[None], poses[..., :3], _one_before(poses[::-1, ..., :3])[None]]
-    )
+    position = extend(poses[..., :3])
     velocity = (position[2:] - position[:-2]) / (2.0 * dt)
     acceleration = (position[2:] - 2.0 * position[1:-1] + position[:-2]) / dt**2
     interval_rate = quaternion_log(multiply(conjugate(q[:-1]), q[1:])) / dt
@@ -111,6 +109,11 @@ def _differentiate_interval(poses: np.ndarray, dt: float) -> Motion:
 
 EXTRAPOLATION = {1: (1.0,), 2: (2.0, -1.0), 3: (3.0, -3.0, 1.0), 4: (4.0, -6.0, 4.0, -1.0)}
 """Weights of the first n samples that extrapolate their polynomial (degree n - 1) one step backward."""
+
+
+def extend(series: np.ndarray) -> np.ndarray:
+    """Return a series with one more value at both ends, by the cubic through the nearest four (lower for fewer)."""
+    return np.concatenate([_one_before(series)[None], series, _one_before(series[::-1])[None]])
 
 
 def _one_before(series: np.ndarray) -> np.ndarray:

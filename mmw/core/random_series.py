@@ -7,12 +7,19 @@ both processes, with mean and standard deviation in closed form, so the values h
 sums. Every node of the tree has its own counter of the generator. A frame costs 31 nodes, n consecutive frames about
 2 n at any position, and no value depends on the other requested frames.
 
+Frames are those of 100 Hz. Instants between two of them (`mmw.core.frame_rate.instants`) continue the same process: the
+milliseconds of a frame are drawn one after the other, each given the one before and the frame at the end.
+
 Source: Brownian bridge, P. Levy, "Processus stochastiques et mouvement brownien" (1948); the middle of a first-order
 Gauss-Markov (Ornstein-Uhlenbeck) series follows from its correlation exp(-|t| / T) by conditioning a normal vector.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
+
+from mmw.core.frame_rate import SPAN
 
 DEPTH = 31
 """Levels of the tree: frames from 0 to 2^31 - 1, the range of the tables' `frame` column (248 days)."""
@@ -25,6 +32,9 @@ MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
 
 WEYL_STEPS = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
 """Increments of the two key words after every round of Philox."""
+
+PART_LEVEL = 64
+"""Level of the counter of the first millisecond of a frame; those of the tree are below it."""
 
 LOW, HIGH_SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
 
@@ -48,30 +58,37 @@ def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
     return np.stack(np.broadcast_arrays(c0, c1, c2, c3), axis=-1).astype(np.uint32)
 
 
-def white_series(keys: ArrayLike, frames: ArrayLike, count: int) -> np.ndarray:
+def white_series(keys: ArrayLike, frames: ArrayLike, count: int, parts: ArrayLike = 0) -> np.ndarray:
     """Return independent standard normal numbers for each frame, shape [A, F, count].
 
     Args:
         keys: Keys of the streams, shape [A, 2], uint32, from `mmw.core.random_keys`.
         frames: Frame numbers, 0 to 2^31 - 1, in any order, shape [F].
         count: Number of values per frame.
+        parts: Milliseconds since the frame, 0 to 9, shape [F], or one for all.
 
     Raises:
         ValueError: If a frame is out of range.
     """
-    return _normal(keys, _checked(frames), 0, count)
+    return _normal(keys, _checked(frames), _levels(parts, 0), count)
 
 
-def random_walk(keys: ArrayLike, frames: ArrayLike, count: int) -> np.ndarray:
+def random_walk(keys: ArrayLike, frames: ArrayLike, count: int, parts: ArrayLike = 0) -> np.ndarray:
     """Return random walks, 0 at frame 0, whose steps from frame to frame are independent standard normal numbers.
 
     Args and Raises as `white_series`; shape [A, F, count].
     """
     half = 2.0 ** np.arange(-1, DEPTH)
-    return _bisect(keys, frames, count, np.full(DEPTH + 1, 0.5), np.sqrt(0.5 * half), 0.0, np.sqrt(2.0**DEPTH))
+
+    def at_frames(wanted: np.ndarray) -> np.ndarray:
+        return _bisect(keys, wanted, count, np.full(DEPTH + 1, 0.5), np.sqrt(0.5 * half), 0.0, np.sqrt(2.0**DEPTH))
+
+    return _refined(keys, _checked(frames), parts, count, at_frames, _walk_step)
 
 
-def gauss_markov(keys: ArrayLike, frames: ArrayLike, count: int, correlation_frames: float) -> np.ndarray:
+def gauss_markov(
+    keys: ArrayLike, frames: ArrayLike, count: int, correlation_frames: float, parts: ArrayLike = 0
+) -> np.ndarray:
     """Return stationary series of variance 1 whose values n frames apart correlate by exp(-n / correlation_frames).
 
     Such a series follows x[k + 1] = p x[k] + sqrt(1 - p^2) N(0, 1) with p = exp(-1 / correlation_frames).
@@ -86,7 +103,58 @@ def gauss_markov(keys: ArrayLike, frames: ArrayLike, count: int, correlation_fra
     # The whole span may be shorter than the correlation time: its ends are correlated.
     whole = 2.0**DEPTH / correlation_frames
     last, carry = float(np.sqrt(-np.expm1(-2.0 * whole))), float(np.exp(-whole))
-    return _bisect(keys, frames, count, weight, spread, 1.0, last, carry)
+
+    def at_frames(wanted: np.ndarray) -> np.ndarray:
+        return _bisect(keys, wanted, count, weight, spread, 1.0, last, carry)
+
+    def step(left: float) -> tuple[float, float, float]:
+        # With a = one and b = rest: weights sinh(b) / sinh(a + b) and sinh(a) / sinh(a + b), without large numbers.
+        one, rest = 1.0 / (SPAN * correlation_frames), left / (SPAN * correlation_frames)
+        low, high, whole = (-np.expm1(-2.0 * span) for span in (one, rest, one + rest))
+        return np.exp(-one) * high / whole, np.exp(-rest) * low / whole, np.sqrt(low * high / whole)
+
+    return _refined(keys, _checked(frames), parts, count, at_frames, step)
+
+
+def _walk_step(left: float) -> tuple[float, float, float]:
+    """Return, for a step of a random walk by one millisecond, weights of start and end of a span, and the spread.
+
+    Args:
+        left: Milliseconds from the step to the end of the span.
+    """
+    return left / (left + 1.0), 1.0 / (left + 1.0), np.sqrt(left / (left + 1.0) / SPAN)
+
+
+def _refined(
+    keys: ArrayLike,
+    frames: np.ndarray,
+    parts: ArrayLike,
+    count: int,
+    at_frames: Callable[[np.ndarray], np.ndarray],
+    step: Callable[[float], tuple[float, float, float]],
+) -> np.ndarray:
+    """Return a series at milliseconds within frames, given the series at frames, shape [A, F, count].
+
+    A Markov process between two known values is drawn from the left: each value is normal given its left neighbor and
+    the right end, with weights and spread from `step`.
+    """
+    parts = np.broadcast_to(np.asarray(parts, dtype=np.int64), frames.shape)
+    if not parts.any():
+        return at_frames(frames)
+    base, back = np.unique(frames, return_inverse=True)
+    value, end = at_frames(base), at_frames(base + 1)
+    out = value[:, back]
+    for part in range(1, int(parts.max()) + 1):
+        near, far, spread = step(float(SPAN - part))
+        value = near * value + far * end + spread * _normal(keys, base, _levels(part, 0), count)
+        out = np.where((parts == part)[:, None], value[:, back], out)
+    return out
+
+
+def _levels(parts: ArrayLike, level: int) -> np.ndarray:
+    """Return the level of the counter of milliseconds in a frame; that of the frame itself is `level`."""
+    parts = np.asarray(parts, dtype=np.int64)
+    return np.where(parts == 0, level, PART_LEVEL + parts)
 
 
 def _bisect(

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.dataset as pds
 import pyarrow.fs as pafs
 
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.column_arrays import arrays_of
@@ -20,7 +21,7 @@ from mmw.dataset.files import damage_of, has_files, list_files, list_folders, li
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
 from mmw.dataset.table_reader import check_columns, row_filter
-from mmw.storage.manifest import DATASET, parse_dataset, read_dataset
+from mmw.storage.manifest import DATASET, frame_rates, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem, version_number
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.storage.shard_writer import MARKERS, TABLE_FILE
@@ -67,6 +68,10 @@ class Dataset:
         if self.filesystem is None:
             return read_dataset(self.root)
         return parse_dataset(read_bytes(self.root, DATASET, self.filesystem), self.root)
+
+    def frame_rate_hz(self, scenario: str) -> int:
+        """Return the frames a second of a scenario: frame n is n / rate after its start [Hz]."""
+        return frame_rates(self.info).get(scenario, FRAME_RATE_HZ)  # older datasets have 100 Hz
 
     @cached_property
     def tables(self) -> tuple[str, ...]:

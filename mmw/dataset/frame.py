@@ -10,8 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.config.sensor_spec import SENSORS, SensorSpec
-from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
@@ -257,7 +257,7 @@ class Frame:
     @property
     def time_s(self) -> float:
         """Time after the start of the scenario [s]."""
-        return self.frame * FRAME_DT
+        return float(seconds(self.frame, self.data.frame_rate_hz(self.scenario)))
 
     @cached_property
     def row(self) -> Row:

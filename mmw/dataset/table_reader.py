@@ -9,6 +9,7 @@ from typing import Protocol
 import pyarrow as pa
 import pyarrow.dataset as pds
 
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 
 
@@ -22,6 +23,10 @@ class TableReader(Protocol):
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables that it has."""
+        ...
+
+    def frame_rate_hz(self, scenario: str) -> int:
+        """Return the frames a second of a scenario [Hz]."""
         ...
 
     def read(
@@ -47,11 +52,17 @@ class MemoryTables:
     """Name of them in messages."""
     held: Mapping[str, pa.Table]
     """Table name -> rows, sorted by the table's key."""
+    rate_hz: int = FRAME_RATE_HZ
+    """Frames a second."""
 
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables."""
         return tuple(self.held)
+
+    def frame_rate_hz(self, scenario: str) -> int:
+        """Return the frames a second, the same for all scenarios [Hz]."""
+        return self.rate_hz
 
     def read(
         self,

@@ -40,7 +40,9 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
             "boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion)),
         }
         if batch.config.channel.enabled:
-            sight = trace_sight(batch.scene, frames, dict(batch.config.channel.antenna_position_m))
+            channel = batch.config.channel
+            due = channel.is_due(frames, batch.arrays.rate_hz)
+            sight = trace_sight(batch.scene, frames, dict(channel.antenna_position_m), due)
             tables["box_visibility"] = sight_rows(batch.arrays, "antenna", sight)
         collect(collected, tables)
 
@@ -79,10 +81,11 @@ def _simulate(
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int], collected: TableRows) -> None:
-    """Add links and paths: traced once, their field evaluated in every weather."""
+    """Add links and paths of the channel's frames: traced once, their field evaluated in every weather."""
     config = batch.config.channel
     with batch.clock.stage("channel"):
         links = make_links(batch.arrays, frames, config)
+        links = links.take(np.flatnonzero(config.is_due(links.frame, batch.arrays.rate_hz)))
         materials = {weather: batch.arrays.materials[weather] for weather in collected}
         air = {weather: batch.weather(weather) for weather in collected}
         paths = solve_paths(batch.scene, links, config, materials, surfaces, air)

@@ -6,6 +6,7 @@ import numpy as np
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
+from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
 from mmw.scene.scene_data import SceneData
@@ -25,11 +26,15 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
         wanted = " or ".join(role.upper() for role in sorted({role for sensor in idle for role in sensor.on}))
         yield f"sensors: there is no {wanted} to carry {', '.join(sensor.name for sensor in idle)}: no rows of them"
     frames = config.frames_of(scenario)
-    for sensor in config.sensors:
-        period = sensor.period_frames
-        if -(-frames.start // period) * period >= frames.stop:
+    sampled: list[tuple[str, Sampling]] = [(f"sensors: {sensor.name}", sensor) for sensor in config.sensors]
+    if config.channel.enabled:
+        sampled.append(("channel", config.channel))
+    for where, one in sampled:
+        if not one.is_due(range(frames.start, frames.stop), arrays.rate_hz).any():
+            period = one.period_frames(arrays.rate_hz)
+            first = round(one.phase_s * arrays.rate_hz)
             yield (
-                f"sensors: {sensor.name} samples frames 0, {period}, {2 * period}, ...; none of "
+                f"{where} samples frames {first}, {first + period}, {first + 2 * period}, ...; none of "
                 f"{frames.start} to {frames.stop - 1} is one: no rows of it"
             )
     yield from arrays.material_notes

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig
+from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
@@ -128,7 +129,7 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     framed_tables = sum(table.framed for table in TABLES.values())
     for scenario in config.scenarios:
         counts = agent_counts(scenario, base)
-        rays, size = frame_cost(config, counts)
+        rays, size = frame_cost(config, counts, scenario)
         frame_rays = sum(rays.values())
         frame_count = config.frames_of(scenario).count
         shards = -(-frame_count // config.output.shard_frames)
@@ -154,12 +155,17 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     return "\n".join(lines)
 
 
-def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int], float]:
-    """Return the rays of each sensor and of the channel in one frame, and the bytes of its rows in one weather."""
+def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConfig) -> tuple[dict[str, int], float]:
+    """Return the rays of each sensor and of the channel, and the bytes of rows in one weather, a frame on average."""
+    frames, rate_hz = config.frames_of(scenario), config.frame_rate_of(scenario)
+
+    def share(sampled: Sampling) -> float:
+        return float(sampled.is_due(range(frames.start, frames.stop), rate_hz).mean())
+
     rays: dict[str, int] = {}
     size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
-        samples = sum(counts[role] for role in sensor.on) / sensor.period_frames
+        samples = sum(counts[role] for role in sensor.on) * share(sensor)
         cost = spec_of(sensor).estimate(sensor)
         if cost.rays:
             rays[sensor.name] = round(samples * cost.rays)
@@ -173,8 +179,9 @@ def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int
         if "v2v" in channel.links and counts["cav"] > 1:
             senders, links = senders + half * counts["cav"], links + counts["cav"] * (counts["cav"] - 1)
         if channel.candidates == "launch":
-            rays["channel"] = int(senders * channel.samples_per_tx)
-        size += links * len(config.channel.carriers_hz) * (ROW_BYTES["links"] + _paths(config.channel) * PATH_BYTES)
+            rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
+        link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * PATH_BYTES)
+        size += links * link_size * share(channel)
     return rays, size
 
 

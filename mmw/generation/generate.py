@@ -50,9 +50,10 @@ def generate_dataset(
     with writing(root, part.index, part.count, console.say) as owner:
         now, sha256 = versions(config, base, executor.machine), config.sha256()
         inputs = hash_inputs(config, base)
+        rates = {scenario.name: config.frame_rate_of(scenario) for scenario in config.scenarios}
         with exclusive_lock(root.staging, "begin"):  # of several parts, one begins the dataset
             anew = overwrite or (part.count == 1 and is_outdated(root, sha256, inputs, now))
-            prepare_root(root, config.identity(), sha256, now, anew, inputs)
+            prepare_root(root, config.identity(), sha256, now, anew, inputs, rates)
         write_config(config, base, root)
         write_license(config, base, root)
         everything = all_work(config)

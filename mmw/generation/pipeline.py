@@ -52,7 +52,7 @@ def make_batch(
     if config.channel.enabled and with_channel:
         surfaces = make_surface_table(scene, wedges=config.channel.diffraction)
         check_channel_materials(arrays.materials, surfaces.used_materials, config.channel)
-    return Batch(config, scenario, arrays, differentiate(arrays.poses), scene, surfaces, pool, timer)
+    return Batch(config, scenario, arrays, differentiate(arrays.poses, arrays.pose_dt), scene, surfaces, pool, timer)
 
 
 def trace_work(

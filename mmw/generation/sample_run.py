@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 import pyarrow as pa
 
-from mmw.config import Config, ScenarioConfig
+from mmw.config import Config, Sampling, ScenarioConfig
 from mmw.core.timing import StageTimer
 from mmw.generation.capture import capture_frames
 from mmw.generation.configuration_warnings import configuration_warnings, wedge_warnings
@@ -32,6 +33,9 @@ MAX_FIXED = 2.5
 
 SENSOR = "sensor"
 """Column that names the sensor of a row."""
+
+CHANNEL, CHANNEL_TABLES = "channel", ("links", "paths")
+"""Name of the radio channel beside those of sensors, which may not have it, and its tables."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +80,9 @@ def sample_scenario(config: Config, scenario: ScenarioConfig, base: Path, device
         size[name] += _encoded(name, [(0, table)])
     whole = config.frames_of(scenario)
     shards = -(-whole.count // config.output.shard_frames)
-    ratio = _ratios(config, range(whole.start, whole.stop), frames)
+    ratio = _ratios(config, scenario, frames)
     for (_, name), tables in traced.items():
-        count = _weighted_rows(tables.values(), ratio)
+        count = _weighted_rows(name, tables.values(), ratio)
         fixed, each = _file_size(name, tables)
         rows[name] += count
         size[name] += shards * fixed + count * each
@@ -87,18 +91,27 @@ def sample_scenario(config: Config, scenario: ScenarioConfig, base: Path, device
 
 def _sample_frames(config: Config, scenario: ScenarioConfig) -> list[int]:
     """Return the frames to trace, ascending."""
-    whole = config.frames_of(scenario)
-    chosen: set[int] = set()
-    spread = max((sensor.period_frames for sensor in config.sensors), default=1)
-    for place in SAMPLE_PLACES:
-        frame = whole.start + int(place * whole.count)
-        aligned = -(-frame // spread) * spread
-        chosen.add(aligned if aligned < whole.stop else frame)
-    for sensor in config.sensors:
-        own = sensor.sample_frames(range(whole.start, whole.stop))
-        if own and not sensor.sample_frames(chosen):
-            chosen.add(own[len(own) // 2])
+    whole, rate_hz = config.frames_of(scenario), config.frame_rate_of(scenario)
+    own = {name: _due(sampling, range(whole.start, whole.stop), rate_hz) for name, sampling in _samplings(config)}
+    rarest = min((due for due in own.values() if len(due)), key=len, default=np.arange(whole.start, whole.stop))
+    chosen = {int(rarest[int(place * len(rarest))]) for place in SAMPLE_PLACES}
+    for due in own.values():
+        if len(due) and not chosen.intersection(due.tolist()):
+            chosen.add(int(due[len(due) // 2]))
     return sorted(chosen)
+
+
+def _samplings(config: Config) -> Iterator[tuple[str, Sampling]]:
+    """Yield the name of each sensor, or `CHANNEL`, and when it samples."""
+    yield from ((sensor.name, sensor) for sensor in config.sensors)
+    if config.channel.enabled:
+        yield CHANNEL, config.channel
+
+
+def _due(sampling: Sampling, frames: range, rate_hz: int) -> np.ndarray:
+    """Return those of some frames that are sampled."""
+    every = np.array(frames, dtype=np.int64)
+    return every[sampling.is_due(every, rate_hz)]
 
 
 def _trace(batch: Batch, scenario: str, frames: Iterable[int]) -> dict[tuple[str, str], dict[int, pa.Table]]:
@@ -113,21 +126,22 @@ def _trace(batch: Batch, scenario: str, frames: Iterable[int]) -> dict[tuple[str
     return traced
 
 
-def _ratios(config: Config, whole: range, frames: list[int]) -> dict[str, float]:
-    """Return samples of all frames over those of the traced ones, by sensor, and under an empty name of frames."""
-    ratio = {"": len(whole) / len(frames)}
-    for sensor in config.sensors:
-        traced = len(sensor.sample_frames(frames))
-        ratio[sensor.name] = len(sensor.sample_frames(whole)) / traced if traced else 0.0
+def _ratios(config: Config, scenario: ScenarioConfig, frames: list[int]) -> dict[str, float]:
+    """Return samples of all frames over those of the traced ones, by sensor, of `CHANNEL` and, under "", of frames."""
+    whole, rate_hz = config.frames_of(scenario), config.frame_rate_of(scenario)
+    ratio = {"": whole.count / len(frames)}
+    for name, sampling in _samplings(config):
+        traced = int(sampling.is_due(frames, rate_hz).sum())
+        ratio[name] = len(_due(sampling, range(whole.start, whole.stop), rate_hz)) / traced if traced else 0.0
     return ratio
 
 
-def _weighted_rows(tables: Iterable[pa.Table], ratio: Mapping[str, float]) -> float:
-    """Return the rows of all frames that follow from those of the traced ones."""
+def _weighted_rows(name: str, tables: Iterable[pa.Table], ratio: Mapping[str, float]) -> float:
+    """Return the rows of a table in all frames that follow from those in the traced ones."""
     total = 0.0
     for table in tables:
         if SENSOR not in table.column_names:
-            total += table.num_rows * ratio[""]
+            total += table.num_rows * ratio[CHANNEL if name in CHANNEL_TABLES else ""]
             continue
         counts = table.column(SENSOR).cast(pa.string()).value_counts().to_pylist()
         total += sum(count["counts"] * ratio.get(count["values"], ratio[""]) for count in counts)

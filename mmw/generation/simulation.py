@@ -100,6 +100,8 @@ class Simulation:
         frames = found.frames_of(chosen)
         self.frames = range(frames.start, frames.stop)
         """Numbers of the frames."""
+        self.rate_hz = found.frame_rate_of(chosen)
+        """Frames a second: frame n is n / rate_hz after the start of the scenario [Hz]."""
         self._lock = threading.Lock()
         self._batch: Batch | None = None
         where = base_folder(config, base)
@@ -202,7 +204,9 @@ class Simulation:
         root = f"simulation of {self.scenario}"
         for frame in frames:
             own = {name: _rows_of(table, frame) for name, table in whole.items()}
-            yield Frame(MemoryTables(root, {**own, **self.static_tables}), self.scenario, self.weather, frame)
+            yield Frame(
+                MemoryTables(root, {**own, **self.static_tables}, self.rate_hz), self.scenario, self.weather, frame
+            )
 
 
 def _log(notes: Iterable[str]) -> None:

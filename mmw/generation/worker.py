@@ -130,7 +130,7 @@ class Worker:
             self._batch_frames = self._batch.scene.max_batch_frames if self._batch is not None else 0
         if self._batch is None or not work.weathers:
             return
-        shards = {key.weather: ShardWriter(self._context.root, key, self._meta) for key in work.keys}
+        shards = {key.weather: ShardWriter(self._context.root, key, self._meta_of(scenario)) for key in work.keys}
         ends: dict[str, Future[None]] = {}
         begin = time.perf_counter()
 
@@ -141,6 +141,9 @@ class Worker:
 
         self._batch_frames = trace_work(self._batch, work, self._batch_frames, self._reporter, on_rows)
         self._queue([self._pool.submit(_close, shards[name], begin, end) for name, end in ends.items()])
+
+    def _meta_of(self, scenario: ScenarioConfig) -> dict[str, Any]:
+        return {**self._meta, "frame_rate_hz": self._context.config.frame_rate_of(scenario)}
 
     def finish(self) -> None:
         """Wait until everything is on the disk."""
@@ -162,7 +165,7 @@ class Worker:
                 frames = context.config.frames_of(scenario)
                 actors = actor_presence(arrays, range(frames.start, frames.stop))
                 rows = static_rows(arrays, context.config)
-                write_scenario(context.root, scenario.name, rows, self._meta, actors, notes)
+                write_scenario(context.root, scenario.name, rows, self._meta_of(scenario), actors, notes)
         if not on_device:
             return None
         with timer.stage("kernels"):

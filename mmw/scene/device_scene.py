@@ -93,7 +93,7 @@ class DeviceScene:
 
     def _differentiate(self) -> None:
         # Of the whole recording, once, so that derivatives do not depend on the batch.
-        motion = differentiate(self.arrays.poses[:, self.instance_actor])
+        motion = differentiate(self.arrays.poses[:, self.instance_actor], self.arrays.pose_dt)
         self._velocity, self._rate = motion.velocity, motion.world_rate
 
     def replace_arrays(self, arrays: SceneData) -> None:

@@ -13,6 +13,7 @@ from mmw.config import Config, ScenarioConfig, load_config
 from mmw.config.material_map import MaterialEntry, merged_maps
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import check_frame_rate
 from mmw.core.resources import shipped_towns, town_path
 from mmw.core.temp_files import TemporaryFolder
 from mmw.physics.weather.weather import PRESETS, Weather
@@ -33,7 +34,7 @@ USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 CONFIG_SUFFIXES = (".yaml", ".yml")
 
 MAX_FRAMES = 10_000
-"""Frames of a stage that are read unless `frames` says which: 100 s. Design value."""
+"""Frames of a stage that are read unless `frames` says which: 100 s at 100 Hz. Design value."""
 
 CUSTOM = "custom"
 """Name of a weather that is given by its values alone."""
@@ -47,6 +48,7 @@ def load_scene(
     scenario: str | None = None,
     frame: int | None = None,
     frames: range | None = None,
+    rate_hz: int | None = None,
     weather: Weathers | None = None,
     materials: Mapping[str, Any] | None = None,
     actor_roles: Mapping[str, str] | None = None,
@@ -62,6 +64,7 @@ def load_scene(
         scenario: Scenario of a configuration; None for its first one.
         frame: Frame to begin with; None for the first one.
         frames: Frames of a stage to read; None for all of them. A configuration has its own.
+        rate_hz: Frames a second of a stage or town, 100 by default. A configuration has its own.
         weather: Name of a preset (`sunny`, `rainy`, ...) or of a weather of the configuration; several; a `Weather`; or
             names with their values. None is the first weather of a configuration, otherwise `sunny`.
         materials: Glob of mesh prim path or material name, or `label:` and a class -> radio material such as
@@ -83,7 +86,11 @@ def load_scene(
         Transmitter('bs', position=(13.5, -29.5, 10.0))
     """
     is_config = isinstance(source, Config) or str(source).lower().endswith(CONFIG_SUFFIXES)
-    given = {"scenario": scenario} if not is_config else {"frames": frames, "actor_roles": actor_roles, **options}
+    given = (
+        {"scenario": scenario}
+        if not is_config
+        else {"frames": frames, "rate_hz": rate_hz, "actor_roles": actor_roles, **options}
+    )
     if not is_config and not str(source).lower().endswith(USD_SUFFIXES):
         given["actor_roles"] = actor_roles
     if wrong := [name for name, value in given.items() if value is not None]:
@@ -92,6 +99,7 @@ def load_scene(
         config = source if isinstance(source, Config) else load_config(source)
         base = Path(base) if isinstance(source, Config) else Path(source).parent
         return _from_config(config, base, scenario or "", frame, weather, materials, device)
+    rate = check_frame_rate(FRAME_RATE_HZ if rate_hz is None else rate_hz)
     weathers = _weathers("sunny" if weather is None else weather, {})
     entries, files = _entries(materials, weathers), None
     path, name = Path(source), Path(source).name.split(".")[0]
@@ -104,8 +112,8 @@ def load_scene(
         files = TemporaryFolder("mmw_scene_")
         path, entries = _imported(path, files.path, entries, options), {}
     variants = {key: values.variants(key) for key, values in weathers.items()}
-    wanted = _stage_frames(path, frames, frame)
-    data = read_stage(path, wanted, variants, roles=actor_roles, material_map=entries)
+    wanted = _stage_frames(path, frames, frame, rate)
+    data = read_stage(path, wanted, variants, rate_hz=rate, roles=actor_roles, material_map=entries)
     _log_notes(data)
     return Scene(data, weathers, frame=frame, device=device, name=name, files=files)
 
@@ -133,8 +141,8 @@ def _from_config(
     if others := {key: values.variants(key) for key, values in weathers.items() if own.get(key) != values}:
         variants = {**config.variants, **others}
         data = read_stage(
-            stage, _inner(config, scenario), variants, margin=1, roles=scenario.actor_roles,
-            material_map=config.materials_of(scenario),
+            stage, _inner(config, scenario), variants, margin=1, rate_hz=config.frame_rate_of(scenario),
+            roles=scenario.actor_roles, material_map=config.materials_of(scenario),
         )  # fmt: skip
     _log_notes(data)
     first = config.frames_of(scenario).start if frame is None else frame
@@ -208,7 +216,7 @@ def _imported(path: Path, folder: Path, entries: dict[str, MaterialEntry], optio
 
 
 @reads_usd
-def _stage_frames(path: Path, frames: range | None, frame: int | None) -> range:
+def _stage_frames(path: Path, frames: range | None, frame: int | None, rate_hz: int) -> range:
     """Return the frames of a stage that are to be read.
 
     Raises:
@@ -220,7 +228,7 @@ def _stage_frames(path: Path, frames: range | None, frame: int | None) -> range:
     if not stage.HasAuthoredTimeCodeRange():
         return range((frame or 0) + 1)
     span = (stage.GetEndTimeCode() - stage.GetStartTimeCode()) / stage.GetTimeCodesPerSecond()
-    count = int(np.floor(span * FRAME_RATE_HZ + 1e-6)) + 1
+    count = int(np.floor(span * rate_hz + 1e-6)) + 1
     if count > MAX_FRAMES:
         raise InputError(
             f"{path}: holds {count} frames; {MAX_FRAMES} are read at most; name some, such as frames=range(1000)"

@@ -38,7 +38,7 @@ def mounted_antennas(
         actor: Actor of each, present in that frame, shape [L].
         mount: Place of each in the frame of its actor [m], shape [L, 3].
     """
-    poses, motion = arrays.poses[rows], differentiate_rows(arrays.poses, rows)
+    poses, motion = arrays.poses[rows], differentiate_rows(arrays.poses, rows, arrays.pose_dt)
     rotation = quaternion_to_matrix(normalize(poses[row, actor, 3:]))
     lever = rotate(rotation, mount)
     return RadioDevices(

@@ -7,6 +7,7 @@ from pathlib import Path
 from mmw import __version__
 from mmw.config import Config, ScenarioConfig
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import base_frames
 from mmw.core.hashing import sha256
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import choose_variant
@@ -21,6 +22,7 @@ from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.store import Store
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import simulate_traffic
+from mmw.traffic.frame_poses import sample_tracks
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import VehicleModel, load_catalog, load_figures
 
@@ -97,6 +99,7 @@ def prepare_scenario(
         meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
         antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
         assets=root / ASSETS,
+        rate_hz=config.frame_rate_of(scenario),
     )
     _write_digests(note, path, root, str(scenario.town), inputs)
     return path
@@ -131,7 +134,7 @@ def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:
 def make_tracks(
     config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel], base: Path
 ) -> list[VehicleTrack]:
-    """Return the poses of a scenario's traffic, generated or recorded.
+    """Return the poses of a scenario's traffic, generated or recorded, with `pose_stride` poses a frame.
 
     Args:
         config: The configuration.
@@ -147,8 +150,9 @@ def make_tracks(
     if traffic is None:
         raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
     try:
-        frame_count = config.frames_of(scenario).stop + 1
-        return simulate_traffic(TrafficDemand(town, traffic, catalog, frame_count, config.seed, base)).tracks
+        frame_count, rate_hz = config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario)
+        demand = TrafficDemand(town, traffic, catalog, base_frames(frame_count, rate_hz), config.seed, base)
+        return sample_tracks(simulate_traffic(demand).tracks, frame_count, rate_hz)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
 
@@ -163,6 +167,7 @@ def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int
         stage,
         range(frame, frame + 1),
         {weather: config.variants[weather]},
+        rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
     )
@@ -180,6 +185,7 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
         range(frames.start, frames.stop),
         config.variants,
         margin=1,
+        rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
     )

@@ -8,6 +8,7 @@ from pxr import Usd
 
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import pose_stride
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import choose_variant
@@ -36,14 +37,15 @@ def read_stage(
     weathers: Sequence[str] | Mapping[str, Sequence[str]],
     *,
     margin: int = 0,
+    rate_hz: int = FRAME_RATE_HZ,
     roles: Mapping[str, str] | None = None,
     material_map: MaterialMap | None = None,
 ) -> SceneData:
     """Read town, actors, poses and materials of a stage.
 
     A mesh under a prim that moves, or that has `mmw:actor:role` cav or vehicle, belongs to the topmost such prim; every
-    other mesh is static town. Frame n is n / 100 s after the stage's start. Meshes that are invisible, or of purpose
-    proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
+    other mesh is static town. Frame n is n / `rate_hz` after the stage's start. Meshes that are invisible, or of
+    purpose proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
 
     Args:
         path: USD file.
@@ -51,6 +53,7 @@ def read_stage(
         weathers: Weathers to read materials for, each a variant of the stage's variant sets called `weather`; or
             weather -> variants that can stand for it, of which each set selects the first that it has.
         margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
+        rate_hz: Frames a second, see `mmw.core.frame_rate.FRAME_RATES`.
         roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
         material_map: Glob of mesh prim paths or material names, or `label:` and one of classes -> what a mesh is,
             whatever the stage says.
@@ -65,7 +68,7 @@ def read_stage(
     stage = open_stage(Path(path))
     check_references(stage, Path(path))
     name = str(path)
-    frames, times = _frame_times(stage, name, frames, margin)
+    frames, times = _frame_times(stage, name, frames, margin, rate_hz)
     switches = _weather_prims(stage)
     variants = dict(weathers) if isinstance(weathers, Mapping) else {weather: (weather,) for weather in weathers}
     _check_weathers(switches, name, variants)
@@ -108,25 +111,27 @@ def read_stage(
         )
     materials, ids = _materials(stage, switches, reader, variants)
     notes = _idle_patterns(reader)
-    return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), notes)
+    return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), notes, rate_hz)
 
 
-def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int) -> tuple[range, np.ndarray]:
-    """Return the frames to read, margins included, and the time code of each."""
+def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int, rate_hz: int) -> tuple[range, np.ndarray]:
+    """Return the frames to read, margins included, and the time code of each row of poses."""
     if len(frames) == 0:
         raise InputError(f"{name}: no frames are given; at least one is needed")
     rate, start, last = stage.GetTimeCodesPerSecond(), 0.0, frames[-1]
     if stage.HasAuthoredTimeCodeRange():
         start = stage.GetStartTimeCode()
-        last = int(np.floor((stage.GetEndTimeCode() - start) / rate * FRAME_RATE_HZ + 1e-6))
+        last = int(np.floor((stage.GetEndTimeCode() - start) / rate * rate_hz + 1e-6))
         outside = [frame for frame in (frames[0], frames[-1]) if not 0 <= frame <= last]
         if outside:
             raise InputError(
                 f"{name}: frame {outside[0]} is outside the stage, which holds frames 0 to {last} "
-                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second); give frames within"
+                f"({stage.GetEndTimeCode() - start:g} time codes at {rate:g} a second), {rate_hz} a second; give others"
             )
     frames = range(max(frames[0] - margin, 0), min(frames[-1] + margin, last) + 1)
-    return frames, start + np.array(frames, dtype=np.float64) * rate / FRAME_RATE_HZ  # whole time codes stay whole
+    stride = pose_stride(rate_hz)
+    rows = np.arange(frames[0] * stride, frames[-1] * stride + 1, dtype=np.float64)
+    return frames, start + rows * rate / (rate_hz * stride)  # whole time codes stay whole
 
 
 def _weather_prims(stage: Usd.Stage) -> list[Usd.Prim]:
@@ -241,6 +246,7 @@ def _assemble(
     ids: np.ndarray,
     look_notes: tuple[str, ...],
     material_notes: tuple[str, ...],
+    rate_hz: int,
 ) -> SceneData:
     names = [material.name for material in next(iter(materials.values()), ())] or [""] * (int(ids.max(initial=0)) + 1)
 
@@ -288,7 +294,7 @@ def _assemble(
     surface = find_surfaces(points, faces, object_id, material)
     return SceneData(
         points, faces, material, object_id, surface, tuple(models), tuple(actors), frames, poses, materials,
-        tuple(objects), *_join_corners(static), look_notes, material_notes=material_notes,
+        tuple(objects), *_join_corners(static), look_notes, material_notes=material_notes, rate_hz=rate_hz,
     )  # fmt: skip
 
 

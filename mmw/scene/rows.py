@@ -9,9 +9,9 @@ import pyarrow as pa
 
 from mmw.config import Config, SensorConfig
 from mmw.config.lens import USED
+from mmw.config.sampling import UNSET
 from mmw.config.section import Vec3
 from mmw.config.sensor_spec import spec_of
-from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
 from mmw.physics.materials.material import FILE_FIELDS, file_values
@@ -30,7 +30,7 @@ def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     frame = np.asarray(frames, dtype=np.int32)
     return {
         "frame": frame,
-        "time_s": frame / FRAME_RATE_HZ,
+        "time_s": frame / arrays.rate_hz,
         "cav_count": is_present[:, role == "cav"].sum(axis=1),
         "rsu_count": is_present[:, role == "rsu"].sum(axis=1),
         "vehicle_count": is_present[:, (role == "cav") | (role == "vehicle")].sum(axis=1),
@@ -108,11 +108,12 @@ def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
         for sensor in config.sensors:
             if actor.role in sensor.on:
                 pose = mount_pose(sensor, actor.role)
-                params = json.dumps(sensor.model_dump(mode="json"), sort_keys=True)
+                params = json.dumps(sensor.with_rate(arrays.rate_hz).model_dump(mode="json"), sort_keys=True)
                 rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, _camera(sensor)))
         if config.channel.enabled:
             pose = np.array([*antennas.get(actor.role, (0.0, 0.0, 0.0)), 0.0, 0.0, 0.0, 1.0])
-            params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization})
+            own = {key: value for key, value in config.channel.model_dump(mode="json").items() if key in UNSET}
+            params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization, **own})
             rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))
     keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
     columns: Columns = {key: [row.get(key) for row in rows] for key in keys}  # those of cameras are null for others

@@ -112,8 +112,13 @@ class Scene:
 
     @property
     def frames(self) -> range:
-        """Frames that the scene covers, 1/100 s apart."""
+        """Frames that the scene covers, 1 / `rate_hz` apart."""
         return self._state.data.frames
+
+    @property
+    def rate_hz(self) -> int:
+        """Frames a second [Hz]."""
+        return self._state.data.rate_hz
 
     @property
     def frame(self) -> int:

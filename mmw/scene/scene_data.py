@@ -4,6 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mmw.core.constants import FRAME_RATE_HZ
+from mmw.core.frame_rate import pose_stride
 from mmw.physics.materials.material import Material
 
 MODEL_NONE = -1
@@ -116,9 +118,10 @@ class SceneData:
     models: tuple[Prototype, ...]
     actors: tuple[Actor, ...]
     frames: range
-    """Frames that `poses` covers, consecutive: derivatives take neighboring rows as 1/100 s apart."""
+    """Frames that `poses` covers, F of them, consecutive."""
     poses: np.ndarray
-    """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [F, V, 7], float64; NaN where an actor is absent."""
+    """Actor-to-world (x, y, z, qx, qy, qz, qw), shape [(F - 1) S + 1, V, 7], float64; NaN where an actor is absent. S
+    is `pose_stride`: derivatives take neighboring rows, `pose_dt` apart, which is at most 10 ms at any frame rate."""
     materials: dict[str, tuple[Material, ...]]
     """Weather -> materials by id; an id means the same prim in every weather."""
     objects: tuple[SceneObject, ...] = field(default=())
@@ -133,14 +136,16 @@ class SceneData:
     """Names of the agents whose sensors are traced; None for all of them."""
     material_notes: tuple[str, ...] = ()
     """Notes on the user's material map, one line each."""
+    rate_hz: int = FRAME_RATE_HZ
+    """Frames a second."""
 
     def __post_init__(self) -> None:
         _fill_corners(self, "the town")
-        shape = (len(self.frames), len(self.actors), 7)
+        shape = (self.pose_rows(len(self.frames)), len(self.actors), 7)
         if self.poses.shape != shape:
             raise ValueError(f"poses have shape {self.poses.shape}; the scene's frames and actors need {shape}")
         if self.frames.step != 1:
-            raise ValueError(f"frames in steps of {self.frames.step}; poses are 1/100 s apart; give every frame")
+            raise ValueError(f"frames in steps of {self.frames.step}; poses are those of all frames; give every frame")
         for name in ("material", "object_id", "surface"):
             if len(getattr(self, name)) != len(self.faces):
                 raise ValueError(f"{name} has {len(getattr(self, name))} rows; the town has {len(self.faces)} faces")
@@ -149,6 +154,25 @@ class SceneData:
     def town_surface_count(self) -> int:
         """Ns, the number of surfaces of the static town."""
         return int(self.surface.max()) + 1 if len(self.surface) else 0
+
+    @property
+    def pose_stride(self) -> int:
+        """S, rows of `poses` from one frame to the next."""
+        return pose_stride(self.rate_hz)
+
+    @property
+    def pose_dt(self) -> float:
+        """Time between neighboring rows of `poses` [s]."""
+        return 1.0 / (self.rate_hz * self.pose_stride)
+
+    @property
+    def frame_poses(self) -> np.ndarray:
+        """The rows of `poses` that are frames, shape [F, V, 7]."""
+        return self.poses[:: self.pose_stride]
+
+    def pose_rows(self, frame_count: int) -> int:
+        """Return the rows of poses from the first to the last of a number of consecutive frames."""
+        return max((frame_count - 1) * self.pose_stride + 1, 0)
 
     def frame_row(self, frame: int) -> int:
         """Return the row of `poses` that holds a frame.
@@ -159,4 +183,4 @@ class SceneData:
         if frame not in self.frames:
             first, last = self.frames[0] if self.frames else "none", self.frames[-1] if self.frames else "none"
             raise ValueError(f"frame {frame} is not in the scene, which covers {first} to {last}; read more frames")
-        return self.frames.index(frame)
+        return self.frames.index(frame) * self.pose_stride

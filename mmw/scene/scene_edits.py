@@ -193,8 +193,8 @@ def _with_actor(
 
 
 def _still(data: SceneData, pose: np.ndarray) -> np.ndarray:
-    """Return a pose in every frame, shape [F, 1, 7]."""
-    return np.broadcast_to(np.asarray(pose, dtype=np.float64), (len(data.frames), 1, 7))
+    """Return a pose in every row of poses, shape [rows, 1, 7]."""
+    return np.broadcast_to(np.asarray(pose, dtype=np.float64), (len(data.poses), 1, 7))
 
 
 def _without_faces(data: SceneData, is_gone: np.ndarray) -> SceneData:

@@ -6,7 +6,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mmw.core.constants import FRAME_DT
 from mmw.core.device import choose_device
 from mmw.core.errors import InputError
 from mmw.core.kinematics import differentiate_rows
@@ -183,7 +182,7 @@ class SceneState:
         if object_id in self._tracks:
             return self._tracks[object_id][1].copy(), self._tracks[object_id][2].copy()
         row = np.array([self.data.frame_row(self._frame)])
-        motion = differentiate_rows(self.data.poses[:, index], row)
+        motion = differentiate_rows(self.data.poses[:, index], row, self.data.pose_dt)
         return motion.velocity[0], motion.world_rate[0]
 
     def is_moved(self, object_id: int) -> bool:
@@ -297,9 +296,10 @@ def _with_tracks(data: SceneData, frame: int, tracks: Mapping[int, Track]) -> Sc
     """
     frames, poses = data.frames, data.poses
     if len(frames) == 1:
-        frames, poses = range(frames[0] - 1, frames[0] + 2), np.repeat(poses, 3, axis=0)
+        frames = range(frames[0] - 1, frames[0] + 2)
+        poses = np.repeat(poses, data.pose_rows(len(frames)), axis=0)
     poses = poses.copy()
-    time = FRAME_DT * (np.array(frames) - frame)[:, None]
+    time = data.pose_dt * (np.arange(len(poses)) - frames.index(frame) * data.pose_stride)[:, None]
     for object_id, (pose, velocity, rate) in tracks.items():
         index = edits.actor_of(data, object_id)
         poses[:, index, :3] = pose[:3] + velocity * time

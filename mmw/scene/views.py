@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config import SensorConfig
+from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
 from mmw.core.random_keys import random_keys
 from mmw.core.transforms import compose, normalize, pose_from_mount
@@ -126,7 +127,7 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
 def sample_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
     """Return the views of the frames in which a sensor samples; otherwise as `make_views`."""
     views = make_views(arrays, frames, sensor)
-    return views.take(views.frame % sensor.period_frames == 0)
+    return views.take(sensor.is_due(views.frame, arrays.rate_hz))
 
 
 def join_views(parts: Sequence[Views]) -> Views:
@@ -136,7 +137,7 @@ def join_views(parts: Sequence[Views]) -> Views:
 
 
 def view_keys(arrays: SceneData, views: Views, *stream: str | int) -> np.ndarray:
-    """Return the key of each view's random numbers, shape [A, 2], uint32.
+    """Return the key of each view's random numbers at its instant, shape [A, 2], uint32.
 
     Args:
         arrays: The scene on the host, for the names of the agents.
@@ -144,7 +145,8 @@ def view_keys(arrays: SceneData, views: Views, *stream: str | int) -> np.ndarray
         stream: Other parts of the name of the stream: seed, scenario, weather, sensor.
     """
     names = [arrays.actors[actor].name for actor in views.actor]
-    return random_keys((*stream, name, int(frame)) for name, frame in zip(names, views.frame, strict=True))
+    instants = instant_names(views.frame, arrays.rate_hz)
+    return random_keys((*stream, name, instant) for name, instant in zip(names, instants, strict=True))
 
 
 def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +154,7 @@ def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.nda
 
     Args:
         arrays: The scene on the host.
-        motion: Derivatives of `arrays.poses`, all frames and actors (`differentiate(arrays.poses)`).
+        motion: Derivatives of `arrays.poses`, all frames and actors (`differentiate(arrays.poses, arrays.pose_dt)`).
         views: The views.
 
     Returns:

@@ -22,8 +22,9 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         InputError: With one line for each sensor that is inside something.
     """
     arrays, problems = scene.arrays, []
+    poses = arrays.frame_poses
     for index, actor in enumerate(arrays.actors):
-        is_here = np.isfinite(arrays.poses[:, index]).all(axis=1)
+        is_here = np.isfinite(poses[:, index]).all(axis=1)
         if actor.role not in ("cav", "rsu") or not is_here.any():
             continue
         places = {
@@ -37,7 +38,7 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
             continue
         row = int(np.argmax(is_here))
         scene.load_batch([arrays.frames[row]])
-        pose = make_pose(arrays.poses[row, index, :3], normalize(arrays.poses[row, index, 3:]))
+        pose = make_pose(poses[row, index, :3], normalize(poses[row, index, 3:]))
         around = enclosing_objects(scene, transform_points(pose, np.array(list(places.values()))))
         for (name, position), object_id in zip(places.items(), around, strict=True):
             if object_id >= 0:

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import SENSORS, SensorSpec
-from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.kinematics import REACH_FRAMES, Motion, differentiate
 from mmw.core.registry import load_reference
@@ -233,7 +232,7 @@ def _actor(arrays: SceneData, name: str, frame: int) -> int:
         raise InputError(f"actor {name!r}: the scene has {', '.join(names) or 'no actor'}; name one, or give a pose")
     index = names.index(name)
     if not np.isfinite(arrays.poses[arrays.frame_row(frame), index]).all():
-        rows = np.flatnonzero(np.isfinite(arrays.poses[:, index]).all(axis=1))
+        rows = np.flatnonzero(np.isfinite(arrays.frame_poses[:, index]).all(axis=1))
         stay = (
             f"frames {arrays.frames[rows[0]]} to {arrays.frames[rows[-1]]} have it" if len(rows) else "no frame has it"
         )
@@ -245,7 +244,7 @@ def _motion(scene: DeviceScene, context: CaptureContext) -> Motion:
     """Return the derivatives of all actors, which are kept while the poses stay."""
     arrays, motion = context.cache.get("motion", (None, None))
     if arrays is not scene.arrays or motion is None:
-        motion = differentiate(scene.arrays.poses)
+        motion = differentiate(scene.arrays.poses, scene.arrays.pose_dt)
         context.cache["motion"] = scene.arrays, motion
     return motion
 
@@ -290,19 +289,20 @@ def _free(
 ) -> _Carriers:
     """Return agents without geometry at poses of the frame, [K, 7], which move at a velocity [m/s], [K, 3]."""
     arrays, base = scene.arrays, _motion(scene, context)
-    at = arrays.frame_row(context.frame)
-    part, copies = slice(max(at - MARGIN_FRAMES, 0), at + MARGIN_FRAMES + 1), 1
-    frames = arrays.frames[part]
+    at, stride, copies = arrays.frames.index(context.frame), arrays.pose_stride, 1
+    frames = arrays.frames[max(at - MARGIN_FRAMES, 0) : at + MARGIN_FRAMES + 1]
+    part = slice(arrays.frame_row(frames[0]), arrays.frame_row(frames[-1]) + 1)
     if len(arrays.frames) == 1:  # a velocity needs neighbors; everything else is at rest in them
-        frames, copies = range(context.frame - 1, context.frame + 2), 3
+        frames = range(context.frame - 1, context.frame + 2)
+        copies = arrays.pose_rows(len(frames))
 
     def extended(recorded: np.ndarray, own: np.ndarray) -> np.ndarray:
         return np.concatenate([np.repeat(recorded[part], copies, axis=0), own], axis=1)
 
-    time = (np.array(frames) - context.frame)[:, None, None] * FRAME_DT
-    track = np.repeat(poses[None], len(frames), axis=0)
-    track[..., :3] += velocity * time
-    motion = differentiate(track)
+    rows = np.arange(arrays.pose_rows(len(frames))) - frames.index(context.frame) * stride
+    track = np.repeat(poses[None], len(rows), axis=0)
+    track[..., :3] += velocity * (rows[:, None, None] * arrays.pose_dt)
+    motion = differentiate(track, arrays.pose_dt)
     named = [f"pose {(row + 0.0).tobytes().hex()}" for row in poses]  # + 0.0: no -0.0, which is the same place
     agents = [Actor(name, FREE, "", MODEL_NONE, -1, (0.0,) * 3, (0.0,) * 3, "static") for name in named]
     others = replace(arrays, actors=(*arrays.actors, *agents), frames=frames, poses=extended(arrays.poses, track))

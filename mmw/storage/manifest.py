@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import FRAME_RATES
 from mmw.core.licenses import OWN, license_of
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
@@ -32,7 +33,7 @@ FILE_TYPES = {"table": str, "path": str, "rows": int, "bytes": int, "sha256": st
 """Required content of each entry of that list."""
 MAX_NUMBER, MAX_FRAME = 2**63, 2**31 - 1
 """Limits of whole numbers in a manifest."""
-_META_TYPES = {"seconds": int | float}
+_META_TYPES = {"seconds": int | float, "frame_rate_hz": int}
 """Metadata of a marker that is no text."""
 CARD = "README.md"
 LICENSE, NOTICE = "LICENSE", "NOTICE"
@@ -41,7 +42,8 @@ CONFIG = "config.yaml"
 """The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
 
 _NUMBERS = {
-    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(), "seconds": pa.float64()
+    "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(),
+    "seconds": pa.float64(), "frame_rate_hz": pa.int32(),
 }  # fmt: skip
 _COLUMNS = (
     "table", "scenario", "weather", "frame_begin", "frame_end", "path", "rows", "bytes", "sha256", "schema_version",
@@ -62,6 +64,7 @@ def prepare_root(
     versions: Mapping[str, Any],
     overwrite: bool,
     inputs: Mapping[str, Mapping[str, str]] | None = None,
+    frame_rates_hz: Mapping[str, int] | None = None,
 ) -> None:
     """Start a dataset, or resume an unfinished one of the same configuration and input files.
 
@@ -75,6 +78,7 @@ def prepare_root(
         versions: Versions of the software.
         overwrite: Whether data of another configuration is removed.
         inputs: Hashes of the input files, see `mmw.scene.input_files`; not compared if absent here or in the dataset.
+        frame_rates_hz: Scenario -> frames a second, for readers.
 
     Raises:
         InputError: If the store has data of another configuration, of other input files or of another schema version,
@@ -105,6 +109,7 @@ def prepare_root(
         **({} if inputs is None else {"inputs_sha256": inputs_sha256(inputs), "inputs": inputs}),
         "versions": dict(versions),
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
+        **({} if frame_rates_hz is None else {"frame_rates_hz": dict(frame_rates_hz)}),
         "config": dict(config_identity),
     }
     _start_writing(store, json.dumps(content, indent=1).encode())
@@ -160,9 +165,17 @@ def parse_dataset(data: bytes | None, root: object) -> dict[str, Any]:
     versions = head["versions"] if isinstance(head["versions"], dict) else {}
     if not is_hashes({"packages": versions.get("packages", {})}) or not is_hashes(versions.get("sources", {})):
         wrong.append("versions")
+    if any(rate not in FRAME_RATES for rate in frame_rates(head).values()):
+        wrong.append("frame_rates_hz")
     if wrong:
         raise InputError(f"{path}: {', '.join(wrong)} cannot be understood; the file was changed; put the old one back")
     return head
+
+
+def frame_rates(head: Mapping[str, Any]) -> dict[str, int]:
+    """Return scenario -> frames a second, of a `dataset.json`; a dataset of before there were rates has none."""
+    rates = head.get("frame_rates_hz", {})
+    return rates if isinstance(rates, dict) else {"": 0}  # no rate
 
 
 def read_markers(root: Root) -> list[dict[str, Any]]:

@@ -6,13 +6,19 @@ from typing import Any
 import pyarrow as pa
 
 from mmw.storage.schemas import SCHEMA_VERSION, column_text, table_spec
-from mmw.storage.table_spec import IMAGE, TableSpec
+from mmw.storage.table_spec import FRAME, IMAGE, TableSpec, frame_column
+
+RATE = "mmw.frame_rate_hz"
+"""File-level key: frames a second, in files of other rates than 100 Hz."""
 
 
 def arrow_schema(table: str | TableSpec, meta: dict[str, str] | None = None) -> pa.Schema:
-    """Return a table's Arrow schema with its file-level keys."""
+    """Return a table's Arrow schema with its file-level keys; the unit of `frame` is that of the rate in `meta`."""
     spec = table_spec(table) if isinstance(table, str) else table
-    columns = {field.name: column_text(field) for field in spec.columns}
+    own = spec.columns
+    if meta and RATE in meta:
+        own = tuple(frame_column(meta[RATE]) if field.equals(FRAME) else field for field in own)
+    columns = {field.name: column_text(field) for field in own}
     features = {field.name: _feature(field.type) for field in spec.columns}
     keys = {
         "mmw.schema_version": SCHEMA_VERSION,
@@ -20,7 +26,7 @@ def arrow_schema(table: str | TableSpec, meta: dict[str, str] | None = None) -> 
         "mmw.columns": json.dumps(columns),
         "huggingface": json.dumps({"info": {"features": features}}),
     }
-    return pa.schema(spec.columns, metadata={**keys, **(meta or {})})
+    return pa.schema(own, metadata={**keys, **(meta or {})})
 
 
 _HF_TYPES = {"float": "float32", "double": "float64"}

@@ -15,9 +15,10 @@ from typing import Any
 
 import pyarrow as pa
 
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.storage.arrow_tables import check_table, table_from_columns
 from mmw.storage.atomic_files import write_bytes_atomically
-from mmw.storage.parquet_schema import arrow_schema
+from mmw.storage.parquet_schema import RATE, arrow_schema
 from mmw.storage.parquet_writer import ParquetFileBuilder
 from mmw.storage.schemas import SCHEMA_VERSION, table_spec
 from mmw.storage.store import Root, Store, store_of
@@ -26,14 +27,16 @@ MARKERS = "_shards"
 """Folder of the markers; readers skip folders with an underscore."""
 
 META_KEYS = (
-    "config_sha256", "inputs_sha256", "mmw_version", "git_sha", "software", "device", "accepted", "seconds"
+    "config_sha256", "inputs_sha256", "mmw_version", "git_sha", "software", "device", "accepted", "seconds",
+    "frame_rate_hz",
 )  # fmt: skip
 """Metadata of a marker, besides the list of its files. `software` and `device` name what made the shard; `accepted`,
-which differences from the rest of the dataset its run was told to accept (`versions`, `machine`)."""
+which differences from the rest of the dataset its run was told to accept (`versions`, `machine`). A shard without
+`frame_rate_hz`, of an mmw that had one rate, has frames at 100 Hz."""
 
 FILE_META = {
     "config_sha256": "mmw.config_sha256", "inputs_sha256": "mmw.inputs_sha256", "mmw_version": "mmw.version",
-    "git_sha": "mmw.git", "software": "mmw.software",
+    "git_sha": "mmw.git", "software": "mmw.software", "frame_rate_hz": RATE,
 }  # fmt: skip
 """Marker key -> file-level key; only values that are equal in two runs of a configuration, so that files are equal."""
 
@@ -204,7 +207,10 @@ def _file_meta(meta: Mapping[str, Any]) -> dict[str, str]:
     unknown = sorted(set(meta) - set(META_KEYS))
     if unknown or "config_sha256" not in meta:
         raise ValueError(f"meta has unknown keys {unknown}; give config_sha256 and any of {', '.join(META_KEYS[1:])}")
-    return {text: str(meta[name]) for name, text in FILE_META.items() if meta.get(name) is not None}
+    given = {text: str(meta[name]) for name, text in FILE_META.items() if meta.get(name) is not None}
+    if given.get(RATE) == str(FRAME_RATE_HZ):
+        del given[RATE]  # the schema says so
+    return given
 
 
 def _write_files(

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import pyarrow as pa
 
+from mmw.core.constants import FRAME_RATE_HZ
+
 DEPTH_STEP_M = 0.01
 """Meters in one count of a stored depth image."""
 
@@ -29,6 +31,12 @@ def list_of(element: pa.DataType) -> pa.DataType:
 def column(name: str, type_: pa.DataType, unit: str, doc: str, *, nullable: bool = False) -> pa.Field:
     """Return a column with its unit (empty for none) and meaning."""
     return pa.field(name, type_, nullable=nullable, metadata={"unit": unit, "doc": doc} if unit else {"doc": doc})
+
+
+def frame_column(rate_hz: float | str = FRAME_RATE_HZ) -> pa.Field:
+    """Return the column of frame numbers in files of a frame rate."""
+    doc = f"frame number; time is frame / {rate_hz} s after the start of the scenario"
+    return column("frame", I32, f"1/{rate_hz} s", doc)
 
 
 def encoded_image(name: str, unit: str, doc: str) -> pa.Field:
@@ -68,7 +76,7 @@ SCENARIO = column("scenario", NAME, "", "scenario name")
 WEATHER = column(
     "weather", NAME, "", "weather name, one of `weathers`; its physical values are in `air` of the configuration"
 )
-FRAME = column("frame", I32, "1/100 s", "frame number; time is frame / 100 s after the start of the scenario")
+FRAME = frame_column()
 AGENT = column("agent", NAME, "", "agent that owns the row: a CAV such as cav_1, or an RSU such as rsu_1")
 SENSOR = column("sensor", NAME, "", "sensor name; joins `sensors` on (scenario, agent, sensor)")
 OBJECT = column("object_id", I32, "id", "object, a row of `objects`; one number for the object in every table")

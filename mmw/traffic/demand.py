@@ -39,7 +39,7 @@ class TrafficDemand:
     catalog: Mapping[str, Any]
     """Vehicle models by name, each with `name, label, paints, wheelbase, track, length, width, height, center`."""
     frame_count: int
-    """F, frames at 100 Hz."""
+    """F, frames at 100 Hz; `mmw.traffic.frame_poses` makes those of other rates."""
     seed: int
     """Same seed, same motion."""
     base: Path = Path()

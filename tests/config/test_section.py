@@ -30,7 +30,7 @@ def test_a_configuration_of_sections_is_that_of_a_file(tmp_path: Path) -> None:
     lidar = Lidar(range_m=80)
     made = Config(scenarios=[TOWN], sensors=[lidar, RgbCamera(name="front")], frames=FramesConfig(count=5))
     assert made == load_config(path) and made.sha256() == load_config(path).sha256()
-    assert made.sensors[0] is lidar
+    assert made.sensors[0] == lidar.with_rate(100)  # every frame
     assert pickle.loads(pickle.dumps(made)) == made
 
 
@@ -55,7 +55,8 @@ def test_an_object_is_a_source_like_its_file(path: Path) -> None:
     assert again == config and again.sha256() == config.sha256()
     changes = ["frames.count=3", "sensors.0.name=first", "scenarios.0.name=other"]
     assert load_config(config, changes) == load_config(path, changes)
-    assert load_config(config, patch={"frames": FramesConfig(count=2)}).frames == FramesConfig(count=2)
+    frames = FramesConfig(count=2, rate_hz=config.frames.rate_hz if config.frames else None)
+    assert load_config(config, patch={"frames": frames}).frames == frames
     assert config == load_config(path)  # untouched
 
 
@@ -117,7 +118,7 @@ def test_every_problem_of_an_object_has_its_line() -> None:
 def test_a_registered_sensor_may_be_an_object() -> None:
     with thermometer():
         made = Config(scenarios=[TOWN], sensors=[Thermometer()])
-        assert made.sensors == (Thermometer(),) and load_config(made) == made
+        assert made.sensors == (Thermometer(rate_hz=100.0),) and load_config(made) == made
         assert load_config({"scenarios": [TOWN], "sensors": [Thermometer()]}) == made
 
 

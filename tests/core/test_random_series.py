@@ -106,3 +106,35 @@ def test_gauss_markov_is_stationary(correlation: float) -> None:
 
 def test_white_series_is_white() -> None:
     is_standard_white(white_series(KEYS[:1], range(40_000), 6)[0])
+
+
+def test_milliseconds_leave_the_frames_alone_and_do_not_depend_on_each_other() -> None:
+    frames, parts = np.repeat(np.arange(5), 10), np.tile(np.arange(10), 5)
+    for series in (
+        lambda f, p: white_series(KEYS, f, 6, p),
+        lambda f, p: random_walk(KEYS, f, 6, p),
+        lambda f, p: gauss_markov(KEYS, f, 6, 300.0, p),
+    ):
+        whole = series(frames, parts)
+        assert np.array_equal(whole[:, ::10], series(np.arange(5), 0))
+        for some in ([3], [41, 7, 7], [10, 11], [0, 49]):
+            assert np.array_equal(series(frames[some], parts[some]), whole[:, some])
+        assert len(np.unique(whole[0, :, 0])) == 50
+
+
+def test_milliseconds_of_a_walk_are_steps_of_a_tenth_of_the_variance() -> None:
+    keys = random_keys([(3, n) for n in range(300)])
+    frames, parts = np.divmod(np.arange(100, 141), 10)
+    steps = np.diff(random_walk(keys, frames, 4, parts), axis=1)
+    assert np.var(steps, axis=(0, 2)) == pytest.approx(np.full(40, 0.1), rel=0.25)
+    flat = np.moveaxis(steps, 1, 0).reshape(40, -1)
+    assert np.abs(np.corrcoef(flat) - np.eye(40)).max() < 0.15  # also across the border of two frames
+
+
+@pytest.mark.parametrize("correlation", [300.0, 2.0, 0.05])
+def test_milliseconds_of_a_gauss_markov_series_have_its_correlation(correlation: float) -> None:
+    keys = random_keys([(4, n) for n in range(3000)])
+    frames, parts = np.divmod(np.arange(503, 528), 10)
+    series = np.moveaxis(gauss_markov(keys, frames, 4, correlation, parts), 1, 0).reshape(25, -1)
+    lag = np.abs(np.subtract.outer(np.arange(25), np.arange(25))) / 10.0
+    assert np.cov(series) == pytest.approx(np.exp(-lag / correlation), abs=0.06)

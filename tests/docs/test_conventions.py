@@ -104,7 +104,7 @@ def test_turns_that_are_ours(tool: str) -> None:
 def test_deepmimo_rotation_and_interactions(tmp_path: Path) -> None:
     pose = pose_from_ypr(POINT, *YPR)
     antennas = Antennas({(0, "a"): 0}, pose[None], np.zeros((1, 3)), ["cav"])
-    deepmimo._write_ends(tmp_path / "ends.npz", antennas, [(0, "a")])
+    deepmimo._write_ends(tmp_path / "ends.npz", antennas, [(0, "a")], 100)
     written = np.load(tmp_path / "ends.npz")["rotation_deg"][0]
     np.testing.assert_allclose(np.radians(written), value(TOOLS["DeepMIMO"]["rotation"]))
     cells = QUANTITIES["interactions"]

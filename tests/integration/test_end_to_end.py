@@ -116,7 +116,7 @@ def test_a_finished_dataset_is_left_alone(dataset: Path) -> None:
 def test_dry_run_foresees_the_bytes(dataset: Path, capsys: pytest.CaptureFixture) -> None:
     """Traced frames give the size within 20 %; without, single files dominate in this small dataset."""
     config = load_config(CONFIG, [*SMALL, "channel.candidates=launch"])
-    rays, _ = frame_cost(config, {"cav": 3, "rsu": 1, "vehicles": 20, "boxes": 20})
+    rays, _ = frame_cost(config, {"cav": 3, "rsu": 1, "vehicles": 20, "boxes": 20}, config.scenarios[0])
     assert rays == {"lidar": 4 * 8 * 64, "depth": 64 * 48, "channel": 20_000 + 3 * 10_000}
     real = sum(path.stat().st_size for path in dataset.rglob("part-*.parquet"))
     for options, factor in (((), 1.2), (("--quick",), 1.5)):

@@ -13,6 +13,7 @@ from mmw.__main__ import main as mmw
 from mmw.cli.run import main
 from mmw.config import load_config
 from mmw.config.load import to_yaml
+from mmw.config.sampling import UNSET
 from mmw.config.section import Section
 from mmw.config.sensor_spec import spec_of
 from mmw.config.sensors import default_sensors
@@ -60,7 +61,7 @@ def test_every_key_of_every_sensor_is_set(folder: Path) -> None:
     sensors = load_config(folder / "mine.yaml").sensors
     for default in default_sensors():
         own = [sensor for sensor in sensors if sensor.type == default.type]
-        for name in set(type(default).model_fields) - {"type", "rate_hz"}:  # rates: below
+        for name in set(type(default).model_fields) - {"type", *UNSET}:  # rates: below
             usual, values = getattr(default, name), [getattr(sensor, name) for sensor in own]
             assert any(value != usual for value in values), (default.type, name)
             if isinstance(usual, Section):

@@ -69,7 +69,7 @@ IMU = [
     ("accel_noise_std: -1", "accel_noise_std = -1", "greater than or equal to 0"),
     ("gyro_bias: 1e300", "gyro_bias = 1", "less than or equal to 100"),
     ("bias_correlation_s: 0", "bias_correlation_s = 0", "greater than 0"),
-    ("samples: 1", "samples = 1: unknown key", "known keys here"),
+    ("voltage: 1", "voltage = 1: unknown key", "known keys here"),
 ]
 GNSS = [
     ("rate_hz: 30", "30 Hz does not divide them", "give 33.3333 or 25"),
@@ -136,7 +136,7 @@ BOUNDS = [
     (RgbCamera, {"fov_deg": 230, "jpeg_quality": 0, "rate_hz": 0, "shutter_ms": 5}),
     (Imu, {"accel_noise_density": -1e-3, "gyro_noise_density": -1e-9, "accel_random_walk": -1, "gyro_scale_std": 0.5}),
     (Imu, {"gyro_random_walk": np.nan, "accel_turn_on_std": -1, "misalignment_std_deg": 45, "accel_lag_frames": 2}),
-    (Gnss, {"rate_hz": 200, "reference_longitude_deg": 200, "horizontal_noise_std_m": -1, "drift_correlation_s": 0}),
+    (Gnss, {"rate_hz": 2000, "reference_longitude_deg": 200, "horizontal_noise_std_m": -1, "drift_correlation_s": 0}),
     (Gnss, {"rate_hz": 0, "latitude_noise_std_deg": -1e-9}),
     (Radar, {"vertical_fov_deg": 180, "range_m": -1, "points": 0, "azimuth_rays": 0, "frame_time_s": 0.02}),
 ]

@@ -334,7 +334,7 @@ def _range_rate(search: Search, found: TracedPaths, geometry: PathGeometry) -> n
     path, step = np.nonzero(owner >= 0)
     if len(path):
         rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
-        motion = differentiate_rows(scene.arrays.poses, rows)
+        motion = differentiate_rows(scene.arrays.poses, rows, scene.arrays.pose_dt)
         batch_index = links.batch_index[found.link[path]]
         actor = scene.instance_actor[owner[path, step]]
         arm = found.vertex[path, step] - scene.arrays.poses[rows[batch_index], actor, :3]

@@ -19,7 +19,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.file_names import check_file_name, is_file_name
 from mmw.core.progress_bar import Progress
@@ -191,19 +190,22 @@ def checked_options(form: Format, given: Options) -> Options:
     return {option.name: given.get(option.name, option.default) for option in form.options}
 
 
-def frame_step(form: str, name: str, options: Options) -> int:
-    """Return the step in frames of a rate option [Hz].
+def frame_steps(dataset: Dataset, form: str, name: str, options: Options) -> Callable[[str], int]:
+    """Return what gives the step in frames of a rate option [Hz] in a scenario.
 
-    Raises:
-        InputError: If the rate does not divide the frame rate.
+    It raises an InputError if the rate does not divide that of the scenario's frames.
     """
-    text = options[name]
-    if not text.isdecimal() or int(text) == 0 or FRAME_RATE_HZ % int(text):
-        rates = ", ".join(str(rate) for rate in range(1, FRAME_RATE_HZ + 1) if FRAME_RATE_HZ % rate == 0)
-        raise InputError(
-            f"{form}: {name}={text}: a rate that divides {FRAME_RATE_HZ} Hz is needed; give one of {rates}"
-        )
-    return FRAME_RATE_HZ // int(text)
+
+    def step(scenario: str) -> int:
+        text, frame_rate = options[name], dataset.frame_rate_hz(scenario)
+        if not text.isdecimal() or int(text) == 0 or frame_rate % int(text):
+            rates = ", ".join(str(rate) for rate in range(1, frame_rate + 1) if frame_rate % rate == 0)
+            raise InputError(
+                f"{form}: {name}={text}: a rate that divides {frame_rate} Hz is needed; give one of {rates}"
+            )
+        return frame_rate // int(text)
+
+    return step
 
 
 def require(dataset: Dataset, form: str, *tables: str, hint: str = "record it, or choose another format") -> None:
@@ -217,13 +219,14 @@ def require(dataset: Dataset, form: str, *tables: str, hint: str = "record it, o
             raise InputError(f"{dataset.root}: has no table {table!r}, which {form} needs; {hint}")
 
 
-def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
+def parts(dataset: Dataset, selection: Selection, step_of: Callable[[str], int] = lambda scenario: 1) -> list[Part]:
     """Return the parts of a selection, scenario by scenario and weather by weather, in the order of their names.
 
     Args:
         dataset: The dataset.
         selection: Scenarios, weathers, agents and frames.
-        step: Only frames that are multiples of it: a sensor of a lower rate samples multiples of its period too.
+        step_of: Scenario -> step; only frames that are multiples of it: a sensor of a lower rate samples multiples of
+            its period too.
 
     Raises:
         InputError: If the dataset has no such scenario, weather or agent, nothing is left, or a name of what is left
@@ -238,16 +241,19 @@ def parts(dataset: Dataset, selection: Selection, step: int = 1) -> list[Part]:
     _check_known(dataset, "weather", selection.weathers, {weather for _, weather in picked})
     agents = _agents(dataset)
     _check_known(dataset, "agent", selection.agents, {name for names in agents.values() for name in names})
-    result = []
+    result, step = [], 1
     for (scenario, weather), frames in sorted(picked.items()):
+        is_wanted = scenario in (selection.scenarios or (scenario,)) and weather in (selection.weathers or (weather,))
+        if not is_wanted:
+            continue
+        step = step_of(scenario)
         wanted = [
             frame
             for frame in sorted(frames)
             if frame % step == 0 and (selection.frames is None or frame in selection.frames)
         ]
         names = [name for name in agents.get(scenario, ()) if not selection.agents or name in selection.agents]
-        is_wanted = scenario in (selection.scenarios or (scenario,)) and weather in (selection.weathers or (weather,))
-        if is_wanted and wanted and names:
+        if wanted and names:
             check_file_name(scenario, "scenario", dataset.root)
             check_file_name(weather, "weather", dataset.root)
             for name in names:

@@ -179,6 +179,8 @@ def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]]
     scenarios = sorted({part.scenario for part in picked})
     weathers = sorted({part.weather for part in picked})
     frames = {frame for part in picked for frame in part.frames}
+    rates = sorted({dataset.frame_rate_hz(scenario) for scenario in scenarios})
+    durations = " or ".join(f"1/{rate}" for rate in rates)
     versions = {name: info["versions"][name] for name in ("mmw", "git", "device") if info["versions"].get(name)}
     lines = [
         "---",
@@ -192,7 +194,7 @@ def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]]
         "",
         f"- scenarios: {', '.join(scenarios)}",
         f"- weathers: {', '.join(weathers)}",
-        f"- frames {min(frames)} to {max(frames)}, 1/100 s each",
+        f"- frames {min(frames)} to {max(frames)}, {durations} s each",
         f"- agents: {', '.join(sorted({agent for part in picked for agent in part.agents}))}",
         "",
         "```python",

@@ -33,7 +33,7 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.core.transforms import compose, invert, pose_to_matrix, transform_points
 from mmw.dataset import Dataset
-from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_step, parts, require
+from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_steps, parts, require
 from mmw.dataset.export.pinhole import OPTICAL_POSE, area, box_rectangle, clipped
 from mmw.dataset.export.read_sensors import (
     Block,
@@ -97,7 +97,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
         require(dataset, "kitti", "box_visibility", hint="record it, or record cameras with boxes_2d: true")
     tasks: list[Task] = []
     index: list[Item] = []
-    for part in parts(dataset, selection, frame_step("kitti", "rate", options)):
+    for part in parts(dataset, selection, frame_steps(dataset, "kitti", "rate", options)):
         sensors = sensors_of(dataset, part.scenario)
         for agent in part.agents:
             lidar = pick_sensor(sensors[agent], agent, "lidar", options["lidar"], "kitti: lidar=")

@@ -30,7 +30,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import compose, invert, multiply, quaternion_from_ypr, quaternion_to_ypr, rotate
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_angles, carla_matrix, carla_point, carla_pose
-from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, frame_step, parts, require
+from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, frame_steps, parts, require
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
     PEOPLE,
@@ -86,7 +86,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     if options["images"] != "none":
         require(dataset, "opv2v", "rgb", hint="record RGB cameras, or give images=none")
     tasks = []
-    for part in parts(dataset, selection, frame_step("opv2v", "rate", options)):
+    for part in parts(dataset, selection, frame_steps(dataset, "opv2v", "rate", options)):
         sensors = sensors_of(dataset, part.scenario)
         folder = f"{options['split']}/{part.scenario}_{part.weather}"
         ids = agent_folders(dataset, part)

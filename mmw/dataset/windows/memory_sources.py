@@ -119,7 +119,8 @@ def sensor_periods(dataset: "Dataset") -> dict[tuple[str, str, str], int]:
         if row["type"] == "antenna":
             continue
         section = sensor_spec(row).config.model_validate_json(row["params"])
-        found[row["scenario"], row["agent"], row["sensor"]] = section.period_frames
+        rate_hz = dataset.frame_rate_hz(row["scenario"])
+        found[row["scenario"], row["agent"], row["sensor"]] = section.period_frames(rate_hz)
     return found
 
 

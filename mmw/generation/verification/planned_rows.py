@@ -75,7 +75,8 @@ class PlannedRows:
                     for table, columns in STATIC.items() if table in tables
                 }  # fmt: skip
         yield from self._check_actors(chunk, tables)
-        for table, shard, text in count_rows(self._config, frames, tables, chunk.names):
+        rate_hz = self._config.frame_rate_of(self._config.scenario(chunk.scenario))
+        for table, shard, text in count_rows(self._config, frames, tables, chunk.names, rate_hz):
             yield Finding("count", chunk.path(table, shard), text)
         if "poses" in tables:
             agents = {"poses": tables["poses"].group_by(["agent", "role"], use_threads=False).aggregate([])}

@@ -51,7 +51,9 @@ TEXTS = ("agent", "peer", "sensor", "role", "weather")
 """Columns of names."""
 
 
-def count_rows(config: Config, frames: Sequence[range], tables: Tables, names: Names) -> Iterator[tuple[str, int, str]]:
+def count_rows(
+    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int
+) -> Iterator[tuple[str, int, str]]:
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
     Args:
@@ -59,11 +61,12 @@ def count_rows(config: Config, frames: Sequence[range], tables: Tables, names: N
         frames: Frames of each shard; none for a shard that is not to be compared.
         tables: Their rows.
         names: Names whose numbers they hold.
+        rate_hz: Frames a second.
 
     Yields:
         Table, index of a shard, and what is wrong with it.
     """
-    for table, expected in _expected(config, frames, tables, names):
+    for table, expected in _expected(config, frames, tables, names, rate_hz):
         key = KEY_OF.get(table, SAMPLE_KEY)
         for shard, text in _differences(expected, _select(tables, table, (SHARD, *key)), names):
             yield table, shard, text
@@ -92,7 +95,9 @@ def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[
         yield shard, f"{sum(count for _, count in places)} {what}, the first {min(places)[0]}"
 
 
-def _expected(config: Config, frames: Sequence[range], tables: Tables, names: Names) -> Iterator[tuple[str, pa.Table]]:
+def _expected(
+    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int
+) -> Iterator[tuple[str, pa.Table]]:
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
     numbers = np.concatenate([np.asarray(each) for each in frames]) if frames else []
@@ -103,11 +108,12 @@ def _expected(config: Config, frames: Sequence[range], tables: Tables, names: Na
     yield "poses", pa.concat_tables(_counted(columns, counts[f"{role}_count"]) for role, columns in roles.items())
     yield "boxes", _counted(place, pc.add(counts["vehicle_count"], counts["pedestrian_count"]))
     poses = _select(tables, "poses", (SHARD, "frame", "agent", "role", "object_id"))
-    yield from _samples(config, poses, names)
+    yield from _samples(config, poses, names, rate_hz)
     boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
-    yield "box_visibility", _visibility(config, tables, poses, boxes, names)
+    traced = poses.filter(pa.array(config.channel.is_due(poses["frame"].to_numpy(), rate_hz)))
+    yield "box_visibility", _visibility(config, tables, traced, boxes, names)
     if config.channel.enabled:
-        yield "links", _links(config, poses, names)
+        yield "links", _links(config, traced, names)
         links = _select(tables, "links", (SHARD, *KEY_OF["links"], "path_count"))
         yield "paths", _counted({name: links[name] for name in (SHARD, *KEY_OF["paths"])}, links["path_count"])
 
@@ -126,13 +132,13 @@ def _with(table: pa.Table, name: str, value: Any) -> pa.Table:
     return table.append_column(name, pa.array(np.full(table.num_rows, value)).cast(TYPES[name]))
 
 
-def _samples(config: Config, poses: pa.Table, names: Names) -> Iterator[tuple[str, pa.Table]]:
+def _samples(config: Config, poses: pa.Table, names: Names, rate_hz: int) -> Iterator[tuple[str, pa.Table]]:
     """Yield the tables of sensors with a number of rows for each sample, and that number."""
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
     for sensor in config.sensors:
         is_due = pc.and_(
-            pc.is_in(poses["role"], pa.array(names.numbers(sensor.on))), pa.array(frame % sensor.period_frames == 0)
+            pc.is_in(poses["role"], pa.array(names.numbers(sensor.on))), pa.array(sensor.is_due(frame, rate_hz))
         )
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
@@ -141,8 +147,9 @@ def _samples(config: Config, poses: pa.Table, names: Names) -> Iterator[tuple[st
         yield table, pa.concat_tables(parts)
 
 
-def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table, names: Names) -> pa.Table:
-    """Return the rows of `box_visibility`: boxes on which a sensor has a return, a point or a pixel; all for antennas.
+def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Table, names: Names) -> pa.Table:
+    """Return the rows of `box_visibility`: boxes on which a sensor has a return, a point or a pixel; all for antennas
+    in the frames of the channel, whose poses are `traced`.
 
     Objects without a box, such as buildings, have no row.
     """
@@ -161,16 +168,16 @@ def _visibility(config: Config, tables: Tables, poses: pa.Table, boxes: pa.Table
     pixels = _select(tables, "boxes_2d", (*key, "pixels"))
     parts = [seen, pixels.filter(pc.greater(pixels["pixels"], 0)).select(key)]
     if config.channel.enabled:
-        own = poses.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
+        own = traced.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
         pairs = own.join(boxes, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
         pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
         parts.append(_with(pairs, "sensor", names.number("antenna")))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
-def _links(config: Config, poses: pa.Table, names: Names) -> pa.Table:
+def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
     """Return the rows of `links`: from each peer to each CAV, for each carrier."""
-    agents = poses.select([SHARD, "frame", "agent", "role"])
+    agents = traced.select([SHARD, "frame", "agent", "role"])
     peers = agents.rename_columns([SHARD, "frame", "peer", "kind"])
     cavs = agents.filter(pc.equal(agents["role"], names.number("cav")))
     pairs = cavs.join(peers, keys=[SHARD, "frame"], join_type="inner", use_threads=False)

@@ -20,6 +20,7 @@ from pxr import Sdf
 from mmw.config import SensorConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import pose_stride
 from mmw.scene.stage.asset_copies import collect_assets
 from mmw.scene.stage.layer import animate, define, new_layer, place
 from mmw.scene.stage.sensor_prims import write_sensors
@@ -45,6 +46,7 @@ def compose_scenario(
     meta: Mapping[str, Any],
     antenna_position_m: Mapping[str, Sequence[float]] | None = None,
     assets: str | Path | None = None,
+    rate_hz: int = FRAME_RATE_HZ,
 ) -> Path:
     """Write the USD stage of a scenario; equal input gives an equal file.
 
@@ -62,6 +64,7 @@ def compose_scenario(
         meta: What is written into the layer's custom data, such as version, scenario and seed.
         antenna_position_m: Role (`cav`, `rsu`) -> antenna in the agent's frame [m].
         assets: Folder of the copies; `assets` beside the stage if absent.
+        rate_hz: Frames a second. The stage has a time code for each pose, `pose_stride(rate_hz)` a frame.
 
     Returns:
         The stage's path.
@@ -72,12 +75,12 @@ def compose_scenario(
     """
     path = Path(path).resolve()
     models = {name: _model(catalog, name) for name in sorted({track.model for track in tracks})}
-    frame_count = _frame_count(tracks)
+    pose_count = _frame_count(tracks)
     sources = [Path(town_path), *(model.asset for model in models.values())]
     copies = collect_assets(sources, Path(assets).resolve() if assets else path.parent / "assets")
     town, *shapes = (_reference(path, source.resolve(), copies[source.resolve()]) for source in sources)
     shape_of = dict(zip(models, shapes, strict=True))
-    layer = new_layer(path.name, meta, FRAME_RATE_HZ, frame_count)
+    layer = new_layer(path.name, meta, rate_hz * pose_stride(rate_hz), pose_count)
     with Sdf.ChangeBlock():
         define(layer, "/World", kind="assembly")
         prim = define(layer, "/World/Town")
@@ -87,14 +90,14 @@ def compose_scenario(
         for track in tracks:
             _write_actor(layer, track, models[track.model], shape_of[track.model])
             if track.role == "cav":
-                write_sensors(layer, f"/World/Actors/{track.name}", "cav", sensors, antenna_position_m or {})
+                write_sensors(layer, f"/World/Actors/{track.name}", "cav", sensors, antenna_position_m or {}, rate_hz)
         define(layer, "/World/RSU", kind="group")
         for name, pose in rsus:
             prim = define(layer, f"/World/RSU/{name}", kind="component")
             place(prim, np.asarray(pose, dtype=np.float64))
             set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, "rsu")
             set_label(prim, "static")
-            write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antenna_position_m or {})
+            write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antenna_position_m or {}, rate_hz)
     save_layers({path: layer})
     return path
 

@@ -8,6 +8,7 @@ from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import Camera, spec_of
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.transforms import IDENTITY_POSE, compose
 from mmw.scene.stage.layer import define, place
 from mmw.scene.views import mount_pose
@@ -26,6 +27,7 @@ def write_sensors(
     role: str,
     sensors: Sequence[SensorConfig],
     antenna_position_m: Mapping[str, Sequence[float]],
+    frame_rate_hz: int = FRAME_RATE_HZ,
 ) -> None:
     """Write `Sensors` below an agent: a Camera for each camera, an Xform for everything else.
 
@@ -35,6 +37,7 @@ def write_sensors(
         role: `cav` or `rsu`; sensors that are not on this role are left out.
         sensors: The configured sensors.
         antenna_position_m: Role -> antenna in the agent's frame [m]; no antenna prim for a role that is not there.
+        frame_rate_hz: Frames a second, the rate of a sensor that has none of its own.
     """
     define(layer, f"{agent_path}/Sensors", "Scope")
     for sensor in sensors:
@@ -50,7 +53,9 @@ def write_sensors(
             prim = define(layer, path)
             place(prim, pose)
         set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, sensor.type)
-        settings = json.dumps(sensor.model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True)
+        settings = json.dumps(
+            sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True
+        )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
     if role in antenna_position_m:
         prim = define(layer, f"{agent_path}/Sensors/antenna")

@@ -8,9 +8,9 @@ physical  WGS-84 by the tangent plane at the reference point. The error of the p
           White noise on every axis of the velocity; speed is the length of its horizontal part.
 
 Heading is that of the sensor's x axis, not of the motion. East, north and up are the world's x, y and z. Velocity is a
-central difference (`mmw.core.kinematics`) of the mounted sensor, so a lever arm counts. A sample falls on every frame
-that is a multiple of 100 / `rate_hz`. Errors are functions of (seed, scenario, agent, sensor, frame), whichever frames
-are asked for, and at any rate; weather and buildings do not change them.
+central difference (`mmw.core.kinematics`) of the mounted sensor, so a lever arm counts. Errors are
+functions of (seed, scenario, agent, sensor, time), whichever frames are asked for, and at any rate of frames or
+samples; weather and buildings do not change them.
 
 Source: CARLA 0.9.15 `sensor.other.gnss`; error model as in R. G. Brown and P. Y. C. Hwang, "Introduction to Random
 Signals and Applied Kalman Filtering" (2012), chapter 9.
@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.constants import FRAME_DT
+from mmw.core.frame_rate import instants
 from mmw.core.geodesy import mercator_from_world, sensor_heading, wgs84_from_world
 from mmw.core.kinematics import differentiate, window
 from mmw.core.random_keys import random_keys
@@ -91,25 +92,26 @@ def make_gnss(arrays: SceneData, views: Views, config: Gnss, seed: int, scenario
         poses, mount = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role)
         sensor = compose(np.concatenate([poses[:, :3], normalize(poses[:, 3:])], axis=-1), mount)
         pose[column] = sensor[rows - part.start]
-        velocity[column] = differentiate(sensor).velocity[rows - part.start]
+        velocity[column] = differentiate(sensor, arrays.pose_dt).velocity[rows - part.start]
     names = [arrays.actors[index].name for index in actors]
-    measured = _measure(pose, velocity, frames, config, (seed, scenario), names)
+    measured = _measure(pose, velocity, instants(frames, arrays.rate_hz), config, (seed, scenario), names)
     return GnssSample(*(values[of_actor, at_frame] for values in measured))
 
 
 def _measure(
     pose: np.ndarray,
     velocity: np.ndarray,
-    frames: np.ndarray,
+    times: tuple[np.ndarray, np.ndarray],
     config: Gnss,
     stream: tuple[str | int, ...],
     agents: Sequence[str],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return measured and true position, velocity, speed and heading, shape [A, F] or [A, F, 3]."""
+    """Return measured and true position, velocity, speed and heading, shape [A, F] or [A, F, 3]; times: `instants`."""
+    frames, parts = times
     white_keys, drift_keys = (
         random_keys((*stream, agent, config.name, kind) for agent in agents) for kind in ("white", "drift")
     )
-    white = white_series(white_keys, frames, 8)
+    white = white_series(white_keys, frames, 8, parts)
     heading_true = sensor_heading(pose[..., 3:])
     heading = np.mod(heading_true + np.radians(config.heading_noise_std_deg) * white[..., 6], 2.0 * np.pi)
     heading = np.where(heading >= 2.0 * np.pi, 0.0, heading)
@@ -124,7 +126,7 @@ def _measure(
         noisy = velocity.copy()
         noisy[..., :2] += error[..., None] * along
         return true + np.array(spread) * white[..., :3], true, noisy, speed_true + error, heading
-    drift = gauss_markov(drift_keys, frames, 3, config.drift_correlation_s / FRAME_DT)
+    drift = gauss_markov(drift_keys, frames, 3, config.drift_correlation_s / FRAME_DT, parts)
     spread = np.array([config.horizontal_drift_std_m] * 2 + [config.vertical_drift_std_m])
     noise = np.array([config.horizontal_noise_std_m] * 2 + [config.vertical_noise_std_m])
     measured = wgs84_from_world(pose[..., :3] + spread * drift + noise * white[..., :3], config.reference)

@@ -42,7 +42,7 @@ def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None =
     """
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     if motion is None:
-        motion = differentiate(arrays.poses)
+        motion = differentiate(arrays.poses, arrays.pose_dt)
     actors = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in BOX_ROLES], dtype=np.int32)
     frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
     row, actor = np.repeat(rows, len(actors)), np.tile(actors, len(rows))

@@ -56,7 +56,10 @@ class LineOfSight:
 
 
 def trace_sight(
-    scene: DeviceScene, frames: Sequence[int], antenna_position_m: Mapping[str, Sequence[float]]
+    scene: DeviceScene,
+    frames: Sequence[int],
+    antenna_position_m: Mapping[str, Sequence[float]],
+    due: np.ndarray | None = None,
 ) -> LineOfSight:
     """Return whether each agent's antenna sees the middle of each boxed actor, and the first obstacle between them.
 
@@ -66,6 +69,7 @@ def trace_sight(
         scene: Town and vehicles, with the frames loaded.
         frames: Frames of the batch.
         antenna_position_m: Role (`cav`, `rsu`) -> antenna in the agent's frame [m].
+        due: Frames that are looked at, shape of `frames`, bool; None for all of them.
     """
     arrays = scene.arrays
     agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in antenna_position_m], dtype=np.int32)
@@ -75,6 +79,7 @@ def trace_sight(
     )
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
+    is_here &= (np.ones(len(rows), dtype=bool) if due is None else due)[:, None]
     keep = (agent != actor) & is_here[batch_index, agent] & is_here[batch_index, actor]
     batch_index, agent, actor = batch_index[keep], agent[keep], actor[keep]
     antenna = np.array([antenna_position_m.get(a.role, (0.0, 0.0, 0.0)) for a in arrays.actors]).reshape(-1, 3)

@@ -79,20 +79,21 @@ def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: 
     frames, at_frame = np.unique(views.frame, return_inverse=True)
     actors, of_actor = np.unique(views.actor, return_inverse=True)
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    lag = config.accel_lag_frames
+    lag = config.accel_lag_frames * arrays.pose_stride
     part = window(np.concatenate([rows, np.maximum(rows - lag, 0)]))
     shape = (2, len(actors), len(rows), 3)
     true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
     late = np.full(shape, np.nan) if lag else true
     for column, index in enumerate(actors):
         poses, mount, at = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role), rows - part.start
-        true[:, column] = np.stack(measure(poses, mount))[:, at]
+        true[:, column] = np.stack(measure(poses, mount, arrays.pose_dt))[:, at]
         if lag:
-            late[:, column] = np.stack(measure(poses, mount, lag=lag))[:, at]
+            late[:, column] = np.stack(measure(poses, mount, arrays.pose_dt, lag))[:, at]
         compass[column] = sensor_heading(multiply(normalize(poses[at, 3:]), mount[3:]))
     if config.handedness == "left":
         true, late = (values * LEFT_HANDED[:, None, None] for values in (true, late))
-    errors = imu_errors(config, frames, seed, scenario, [arrays.actors[index].name for index in actors])
+    agents = [arrays.actors[index].name for index in actors]
+    errors = imu_errors(config, frames, seed, scenario, agents, arrays.rate_hz)
     distorted = np.sum(errors.distortion[:, :, None] * late[..., None, :], axis=-1)
     read = distorted + errors.bias + errors.noise
     samples = (values[:, of_actor, at_frame] for values in (read, true, errors.bias))
@@ -106,7 +107,7 @@ def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int
         poses: Agent-to-world in consecutive frames, shape [F, 7], float64; NaN where absent.
         mount: Sensor-to-agent pose, shape [7].
         dt: Time between frames [s].
-        lag: Frames by which the acceleration is late, 0 or 1.
+        lag: Rows by which the acceleration is late.
 
     Returns:
         Specific force [m/s^2] and angular rate [rad/s] in the sensor frame (y left), shape [F, 3] each; NaN where
@@ -116,7 +117,7 @@ def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int
     motion = differentiate(sensor, dt)
     acceleration = motion.acceleration
     if lag:
-        before = np.concatenate([acceleration[:1], acceleration[:-1]])
+        before = np.concatenate([acceleration[:1].repeat(lag, axis=0), acceleration])[: len(acceleration)]
         acceleration = np.where(np.isnan(before), acceleration, before)
     return rotate(conjugate(sensor[..., 3:]), acceleration + GRAVITY_W), motion.body_rate
 

@@ -7,6 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig, Role, SensorConfig, mounts_at
+from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
 from mmw.sensors.lidar.optics import LidarOptics
@@ -134,3 +135,8 @@ class Lidar(SensorConfig):
     def lidar_optics(self) -> LidarOptics:
         """Return the laser and receiver: the preset's values with those of `optics`."""
         return self.optics.over(self.preset)
+
+
+def sweep_duration(config: Lidar) -> float:
+    """Return the time that a rolling sweep takes [s]: 10 ms, or less if there are more than 100 sweeps a second."""
+    return min(FRAME_DT, 1.0 / config.rate_hz) if config.rate_hz else FRAME_DT

@@ -40,7 +40,7 @@ def scene_flow(arrays: SceneData, views: Views, points: PointCloud) -> np.ndarra
         return flow.T
     view = np.repeat(np.arange(len(views)), np.diff(points.offsets))[moving]
     row = np.array([arrays.frame_row(int(frame)) for frame in views.frame])[view]
-    before, here, after = (_poses(arrays, row + step, actor[moving]) for step in (-1, 0, 1))
+    before, here, after = (_poses(arrays, row + step * arrays.pose_stride, actor[moving]) for step in (-1, 0, 1))
     xyz = np.stack([points.x[moving], points.y[moving], points.z[moving]], axis=1).astype(np.float64)
     world = transform_points(views.pose[view], xyz)
     is_last = np.isnan(after).any(axis=1, keepdims=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from mmw.core.constants import FRAME_DT
+from mmw.core.frame_rate import seconds
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.random_keys import random_key
 from mmw.core.transfer import to_host
@@ -18,7 +18,7 @@ from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views, view_twists
-from mmw.sensors.lidar.config import Lidar
+from mmw.sensors.lidar.config import Lidar, sweep_duration
 from mmw.sensors.lidar.points import PointCloud
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
@@ -59,10 +59,11 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
     """Return the first surface on every ray of every view.
 
     Args:
-        scene: Town and vehicles, with the views' frames loaded; for a rolling sweep made with `sweep_s=FRAME_DT`.
+        scene: Town and vehicles, with the views' frames loaded; for a rolling sweep made with its
+            `sweep_duration` as `sweep_s`.
         views: Sensor poses, A rows.
         config: Pattern and range.
-        motion: `differentiate(scene.arrays.poses)`, if at hand; only a rolling sweep looks at it.
+        motion: `differentiate(scene.arrays.poses, scene.arrays.pose_dt)`, if at hand; only a rolling sweep looks at it.
 
     Raises:
         InputError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
@@ -77,7 +78,7 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
         rays,
         views.for_scene(scene),
         _sweep(scene, views, config, motion),
-        wp.array(views.frame * FRAME_DT, dtype=wp.float32, device=device),
+        wp.array(seconds(views.frame, scene.arrays.rate_hz), dtype=wp.float32, device=device),
         wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device),
         device,
     )
@@ -93,8 +94,8 @@ def _sweep(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | Non
     sweep = lidar.Sweep()
     sweep.points_per_channel = config.points_per_channel
     if config.rolling:
-        twists = view_twists(scene.arrays, motion or differentiate(scene.arrays.poses), views)
-        sweep.duration_s = FRAME_DT
+        twists = view_twists(scene.arrays, motion or differentiate(scene.arrays.poses, scene.arrays.pose_dt), views)
+        sweep.duration_s = sweep_duration(config)
         sweep.velocity, sweep.rate = (
             wp.array(twist.astype(np.float32), dtype=wp.vec3, device=scene.device) for twist in twists
         )

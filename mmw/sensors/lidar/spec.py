@@ -1,8 +1,7 @@
 """Register the LiDAR."""
 
 from mmw.config.sensor_spec import Estimate, Modality, SensorSpec
-from mmw.core.constants import FRAME_DT
-from mmw.sensors.lidar.config import Lidar
+from mmw.sensors.lidar.config import Lidar, sweep_duration
 from mmw.sensors.lidar.tables import LIDAR
 
 BYTES_PER_RAY = 4.65
@@ -28,7 +27,7 @@ SPEC = SensorSpec(
     estimate=_estimate,
     defaults=lambda: (Lidar(),),
     kernels=lambda config, on_gpu: {"lidar.trace": 4, "lidar.returns": 2},
-    sweep_s=lambda config: FRAME_DT if config.rolling else 0.0,
+    sweep_s=lambda config: sweep_duration(config) if config.rolling else 0.0,
     needs_clear_view=True,
     window=Modality("lidar", "points", ("x", "y", "z", "intensity")),
     views={

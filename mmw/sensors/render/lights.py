@@ -86,7 +86,7 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     if len(rows) == 0 or not drives.any():
         return level
     poses = arrays.poses[:, actors[drives]]
-    motion = differentiate_rows(poses, rows)
+    motion = differentiate_rows(poses, rows, arrays.pose_dt)
     forward = rotate(poses[rows][..., 3:], np.array([1.0, 0.0, 0.0]))
     slowing = -np.sum(motion.acceleration * forward, axis=-1)
     low, high = BRAKING_M_S2

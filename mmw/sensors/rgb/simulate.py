@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mmw.core.constants import FRAME_DT
+from mmw.core.frame_rate import seconds
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transfer import to_host
 from mmw.kernels.camera import instance_culling as candidates
@@ -198,7 +198,7 @@ class RgbRenderer:
             config: Rays to send, and how light becomes a picture.
             keys: Weather -> random numbers of each view, shape [A, 2], uint32 (`mmw.scene.views.view_keys`), for noise
                 and streaks. Some or all of the camera's weathers; the others cost nothing.
-            motion: `differentiate(scene.arrays.poses)`, if at hand.
+            motion: `differentiate(scene.arrays.poses, scene.arrays.pose_dt)`, if at hand.
         """
         device = self._scene.device
         image = config.image
@@ -235,7 +235,8 @@ class RgbRenderer:
 
     def flow(self, buffer: SampleBuffer, motion: Motion | None = None) -> wp.array:
         """Return how far what each pixel's center shows moves until the next frame [px], shape [A, H, W], vec2."""
-        return image_motion(buffer, device_twists(_twists(buffer, motion), self._scene.device))
+        frame_s = 1.0 / buffer.scene.arrays.rate_hz
+        return image_motion(buffer, device_twists(_twists(buffer, motion), self._scene.device), frame_s)
 
     def _load_batch(self, scene: DeviceScene) -> None:
         """Bring the brake lights of the loaded frames."""
@@ -254,7 +255,7 @@ class RgbRenderer:
         device = self._scene.device
         if not len(buffer.views):
             return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in wanted}
-        time = wp.array(buffer.views.frame * FRAME_DT, dtype=float, device=device)
+        time = wp.array(seconds(buffer.views.frame, buffer.scene.arrays.rate_hz), dtype=float, device=device)
         # What does not depend on a number that the host waits for comes before the wait, so that the device goes on.
         edges = find_edges(buffer) if EXTRA_OFFSETS[config.samples] else None
         sky_light = trace_sky(buffer) if config.sky_light else None
@@ -299,7 +300,7 @@ def _twists(buffer: SampleBuffer, motion: Motion | None) -> tuple[np.ndarray, np
     arrays, carried = buffer.scene.arrays, np.flatnonzero(buffer.views.actor >= 0)
     velocity, rate = np.zeros((2, len(buffer.views), 3))
     if len(carried):
-        motion = motion or differentiate(arrays.poses)
+        motion = motion or differentiate(arrays.poses, arrays.pose_dt)
         velocity[carried], rate[carried] = view_twists(arrays, motion, buffer.views.take(carried))
     return velocity, rate
 

@@ -9,6 +9,7 @@ from mmw.channel.antennas.array_response import POSE_COLUMNS, rotations_from_pos
 from mmw.channel.codebook import BeamPairs
 from mmw.channel.path_table import CarrierPaths
 from mmw.core.constants import FRAME_DT
+from mmw.core.frame_rate import seconds
 from mmw.dataset import BeamSearch, Dataset
 from mmw.viz.plots.paths import choose_carrier, find_link, gains_db
 from mmw.viz.plots.style import (
@@ -49,7 +50,8 @@ SPAN_DB = 50.0
 def read_link(
     data: Dataset, scenario: str, weather: str, tx: str, rx: str, carrier_hz: float | None, frames: range | None = None
 ) -> dict[str, np.ndarray]:
-    """Return a link over time, at the first carrier if none is given: `SERIES` by frame, NaN where it has no path.
+    """Return a link over time, at the first carrier if none is given: `SERIES` and `time_s` by frame, NaN
+    where it has no path.
 
     Raises:
         InputError: If the dataset has no such link or carrier.
@@ -59,7 +61,8 @@ def read_link(
     carrier_hz = choose_carrier(f"{data.root}: {scenario} {weather}", links, tx, rx, carrier_hz)
     is_own = (rows["agent"] == rx) & (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz)
     order = np.flatnonzero(is_own)[np.argsort(rows["frame"][is_own], kind="stable")]
-    return {name: rows[name][order] for name in SERIES}
+    found = {name: rows[name][order] for name in SERIES}
+    return {**found, "time_s": seconds(found["frame"], data.frame_rate_hz(scenario))}
 
 
 def best_beams_over_time(
@@ -127,6 +130,7 @@ def plot_link(
     """
     series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
     carrier_hz = float(series["carrier_hz"][0])
+    rate_hz = data.frame_rate_hz(scenario)
     at = int(series["frame"][np.argmax(series["path_count"])]) if frame is None else frame
     found = data.frame(scenario, weather, at)
     link = find_link(found, tx, rx, carrier_hz)
@@ -139,9 +143,9 @@ def plot_link(
         stride = math.ceil(len(series["frame"]) / beam_frames)
         searched = range(int(series["frame"][0]), int(series["frame"][-1]) + 1, stride)
         beams = best_beams_over_time(data, scenario, weather, tx, rx, carrier_hz, searched, search or BeamSearch())
-        _draw_beams(axes[2], *beams, stride)
+        _draw_beams(axes[2], seconds(beams[0], rate_hz), *beams[1:], stride)
     for one in axes:
-        one.axvline(at * FRAME_DT, color="0.3", lw=0.8, ls=":")
+        one.axvline(at / rate_hz, color="0.3", lw=0.8, ls=":")
     axes[-1].set_xlabel("time [s]")
     left.align_ylabels(axes)
     grid = right.add_gridspec(2, 2)
@@ -190,7 +194,7 @@ def plot_path_history(
     for one, values, label in (
         (axes[1], rows["tau_s"] * 1e9, "delay [ns]"), (axes[2], rows["doppler_hz"], "Doppler shift [Hz]"),
     ):  # fmt: skip
-        points = one.scatter(rows["frame"][order] * FRAME_DT, values[order], **style)
+        points = one.scatter(seconds(rows["frame"][order], data.frame_rate_hz(scenario)), values[order], **style)
         one.set(ylabel=label)
         plain_axes(one)
     axes[2].set_xlabel("time [s]")
@@ -201,8 +205,9 @@ def plot_path_history(
 
 
 def _draw_gain(axes: Any, series: dict[str, np.ndarray]) -> None:
-    axes.plot(series["frame"] * FRAME_DT, series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
-    shade_blocked(axes, series["frame"], series["is_los"].astype(bool))
+    axes.plot(series["time_s"], series["gain_db"], color=BLUE, lw=1.4, label="path gain", zorder=3)
+    step = np.diff(series["time_s"]).min() if len(series["time_s"]) > 1 else FRAME_DT
+    shade_blocked(axes, series["time_s"], series["is_los"].astype(bool), float(step))
     axes.set(ylabel="path gain [dB]")
     at_least(axes, 6.0)
     plain_axes(axes)
@@ -210,17 +215,17 @@ def _draw_gain(axes: Any, series: dict[str, np.ndarray]) -> None:
 
 
 def _draw_spread(axes: Any, series: dict[str, np.ndarray]) -> None:
-    axes.plot(series["frame"] * FRAME_DT, series["rms_delay_s"] * 1e9, color=GREEN, lw=1.4)
+    axes.plot(series["time_s"], series["rms_delay_s"] * 1e9, color=GREEN, lw=1.4)
     axes.set(ylabel="RMS delay spread [ns]")
     at_least(axes, 4.0)
     axes.set_ylim(bottom=0.0)
     plain_axes(axes)
 
 
-def _draw_beams(axes: Any, frame: np.ndarray, tx_beam: np.ndarray, rx_beam: np.ndarray, stride: int) -> None:
-    style = {"drawstyle": "steps-mid", "markersize": 3.0 if len(frame) <= MARKED else 0.0, "lw": 1.4}
-    axes.plot(frame * FRAME_DT, tx_beam, color=ORANGE, marker="^", label="transmitter", **style)
-    axes.plot(frame * FRAME_DT, rx_beam, color=PURPLE, marker="o", label="receiver", **style)
+def _draw_beams(axes: Any, time_s: np.ndarray, tx_beam: np.ndarray, rx_beam: np.ndarray, stride: int) -> None:
+    style = {"drawstyle": "steps-mid", "markersize": 3.0 if len(time_s) <= MARKED else 0.0, "lw": 1.4}
+    axes.plot(time_s, tx_beam, color=ORANGE, marker="^", label="transmitter", **style)
+    axes.plot(time_s, rx_beam, color=PURPLE, marker="o", label="receiver", **style)
     axes.set(ylabel="best beam (index)" + (f",\nevery {stride} frames" if stride > 1 else ""))
     at_least(axes, 8.0)
     axes.yaxis.get_major_locator().set_params(integer=True)

@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.config.sensor_spec import SENSORS, SensorSpec
-from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
+from mmw.core.frame_rate import seconds
 from mmw.dataset import Dataset
 from mmw.viz.plots.samples import label_of
 from mmw.viz.plots.style import AGENT_COLORS, at_least, new_figure, plain_axes
@@ -34,7 +34,7 @@ class Readings:
     columns: tuple[pa.Field, ...]
     """Numbers of a sample."""
     by_agent: dict[str, dict[str, np.ndarray]]
-    """Agent -> `frame` and `columns`, by frame, shape [T] each."""
+    """Agent -> `frame`, `time_s` and `columns`, by frame, shape [T] each."""
 
 
 def scalar_columns(spec: SensorSpec) -> tuple[pa.Field, ...]:
@@ -86,6 +86,7 @@ def read_readings(
             own = np.flatnonzero(rows["agent"] == agent)
             own = own[np.argsort(rows["frame"][own], kind="stable")]
             found[agent] = {name: rows[name][own] for name in names}
+            found[agent]["time_s"] = seconds(found[agent]["frame"], data.frame_rate_hz(scenario))
     return Readings(columns, found)
 
 
@@ -142,7 +143,7 @@ def draw_reading(
     """Draw one number of a sample over time, a line for each agent, in given colors and dashes, which repeat."""
     for number, (agent, rows) in enumerate(readings.by_agent.items()):
         axes.plot(
-            rows["frame"] * FRAME_DT, rows[column.name].astype(float), color=colors[number % len(colors)],
+            rows["time_s"], rows[column.name].astype(float), color=colors[number % len(colors)],
             ls=dashes[number % len(dashes)], lw=1.4, label=agent, marker="o" if len(rows["frame"]) <= MARKED else "",
             markersize=3.0,
         )  # fmt: skip

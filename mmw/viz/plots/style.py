@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mmw.core.constants import FRAME_DT
 from mmw.core.extras import needed_by
 from mmw.usd.semantics import CARLA_TAG
 from mmw.viz.notebook import show_figures
@@ -168,21 +167,21 @@ def plain_axes(axes: Any) -> None:
     axes.set_axisbelow(True)
 
 
-def shade_blocked(axes: Any, frame: np.ndarray, is_los: np.ndarray, step: int = 1, color: str = RED) -> None:
+def shade_blocked(axes: Any, time_s: np.ndarray, is_los: np.ndarray, step_s: float, color: str = RED) -> None:
     """Shade the times at which a link has no line of sight.
 
     Args:
         axes: matplotlib axes with the time [s] along x.
-        frame: Frames, growing, shape [T].
+        time_s: Times, growing [s], shape [T].
         is_los: Whether the line of sight is free in each, shape [T], bool.
-        step: Frames from one to the next.
+        step_s: Time from one to the next [s].
         color: Color of the shade.
     """
-    half = step * FRAME_DT / 2.0
+    half = step_s / 2.0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~is_los, [False]]).astype(int)))
     for number, (first, end) in enumerate(edges.reshape(-1, 2)):
         label = "no line of sight" if number == 0 else None
-        ends = frame[first] * FRAME_DT - half, frame[end - 1] * FRAME_DT + half
+        ends = time_s[first] - half, time_s[end - 1] + half
         axes.axvspan(*ends, color=color, alpha=0.16, lw=0, label=label, zorder=1)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.config.sensor_spec import SENSORS
-from mmw.core.constants import FRAME_DT
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.dataset import Dataset
 from mmw.viz.plots.samples import drawn_types, has_sample
 from mmw.viz.report.figures import Thumb, thumbnail
@@ -147,7 +147,8 @@ def _sheet(
                 )
     if not strips:
         return None
-    title = f"Frame {frame} ({frame * FRAME_DT:.2f} s)"
+    rate_hz = data.frame_rate_hz(scenario)
+    title = f"Frame {frame} ({frame / rate_hz:.{2 if rate_hz <= FRAME_RATE_HZ else 3}f} s)"
     return title, f"<div class=sheet tabindex=0>{''.join(strips)}</div>"
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mmw.config import Config
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
@@ -19,6 +20,7 @@ from mmw.storage.manifest import (
     CONFIG,
     DATASET,
     MANIFEST,
+    frame_rates,
     named_markers,
     pending_scenarios,
     pending_shards,
@@ -74,6 +76,18 @@ class Inventory:
         ]  # fmt: skip
         begin = min((marker["frame_begin"] for marker in own), default=0)
         return range(begin, max((marker["frame_end"] for marker in own), default=begin))
+
+    def frame_rate_hz(self, scenario: str) -> int:
+        """Return the frames a second of a scenario [Hz]."""
+        return frame_rates(self.head).get(scenario, FRAME_RATE_HZ)
+
+    def link_frames(self, scenario: str) -> range:
+        """Return the frames of a scenario in which the channel samples; all of them if that is not known."""
+        frames, rate_hz = self.frames(scenario), self.frame_rate_hz(scenario)
+        if self.config is None:
+            return frames
+        period, first = (self.config.channel.period_frames(rate_hz), round(self.config.channel.phase_s * rate_hz))
+        return range(frames.start + (first - frames.start) % period, frames.stop, period)
 
     def frame_count(self, scenario: str, weather: str) -> int:
         """Return the number of frames that a scenario has in a weather."""

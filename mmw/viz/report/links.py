@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mmw.core.constants import FRAME_DT
+from mmw.core.constants import FRAME_RATE_HZ
 from mmw.dataset import Dataset
 from mmw.viz.plots.style import at_least, shade_blocked
 from mmw.viz.report.css import COLORS, DASHES, SERIES_COUNT
@@ -45,6 +45,8 @@ class LinkRows:
     """Frames that were read."""
     by_weather: dict[str, dict[str, np.ndarray]]
     """Weather -> `COLUMNS`, sorted by frame."""
+    rate_hz: int = FRAME_RATE_HZ
+    """Frames a second."""
 
     def of(self, weather: str, ends: RadioDevices, carrier_hz: float) -> dict[str, np.ndarray]:
         """Return the rows of one link at one carrier."""
@@ -73,13 +75,13 @@ def read_links(data: Dataset, inventory: Inventory, scenario: str) -> LinkRows |
     weathers = inventory.weathers(scenario)
     if "links" not in data.tables or not weathers:
         return None
-    frames, found = sample_range(inventory.frames(scenario), MAX_FRAMES), {}
+    frames, found = sample_range(inventory.link_frames(scenario), MAX_FRAMES), {}
     for weather in weathers:
         rows = data.numpy("links", columns=COLUMNS, scenario=scenario, weather=weather, frames=frames)
         if len(rows["frame"]):
             order = np.argsort(rows["frame"], kind="stable")
             found[weather] = {name: values[order] for name, values in rows.items()}
-    return LinkRows(frames, found) if found else None
+    return LinkRows(frames, found, data.frame_rate_hz(scenario)) if found else None
 
 
 def link_section(rows: LinkRows, scenarios: int) -> str:
@@ -124,14 +126,14 @@ def draw_gains(rows: LinkRows, ends: RadioDevices, carrier_hz: float, drawn: ran
         holes = np.flatnonzero(np.diff(frame) > drawn.step) + 1  # frames are missing, such as those of a shard
         series = number % SERIES_COUNT
         axes.plot(
-            np.insert(frame, holes, np.nan) * FRAME_DT, np.insert(gain, holes, np.nan), color=COLORS[f"s{series}"],
+            np.insert(frame, holes, np.nan) / rows.rate_hz, np.insert(gain, holes, np.nan), color=COLORS[f"s{series}"],
             ls=DASHES[series], lw=1.6, label=weather, marker="o" if len(frame) == 1 else "",
         )  # fmt: skip
     frames = np.array(sorted(sight), dtype=np.int64)
     is_los = np.array([sight[frame] for frame in frames.tolist()], dtype=bool)
-    shade_blocked(axes, frames, is_los, drawn.step, COLORS["s1"])
+    shade_blocked(axes, frames / rows.rate_hz, is_los, drawn.step / rows.rate_hz, COLORS["s1"])
     at_least(axes, 6.0)
-    axes.set_xlim(rows.frames[0] * FRAME_DT, (rows.frames[-1] + rows.frames.step) * FRAME_DT)
+    axes.set_xlim(rows.frames[0] / rows.rate_hz, (rows.frames[-1] + rows.frames.step) / rows.rate_hz)
     return figure
 
 

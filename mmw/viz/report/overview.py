@@ -3,7 +3,6 @@
 import numpy as np
 
 from mmw.config.sensor_spec import SENSORS
-from mmw.core.constants import FRAME_DT
 from mmw.storage.schemas import TABLES
 from mmw.viz.report.html import count, details, paragraph, plural, size, table, tiles
 from mmw.viz.report.inventory import LISTED, Inventory, quick_check
@@ -47,7 +46,7 @@ def facts(inventory: Inventory, scenarios: list[str]) -> str:
     total = inventory.sizes(scenarios, "table")
     frames = sum(inventory.frame_count(s, w) for s in scenarios for w in inventory.weathers(s))
     weathers = {weather for scenario in scenarios for weather in inventory.weathers(scenario)}
-    seconds = sum(len(inventory.frames(scenario)) for scenario in scenarios) * FRAME_DT
+    seconds = sum(len(inventory.frames(scenario)) / inventory.frame_rate_hz(scenario) for scenario in scenarios)
     found = [
         ("scenarios", count(len(scenarios))), ("weathers", count(len(weathers))), ("frames", count(frames)),
         ("simulated time", f"{seconds:,.2f} s"),

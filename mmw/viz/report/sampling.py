@@ -5,7 +5,7 @@ import math
 
 def sample_range(frames: range, max_count: int) -> range:
     """Return every n-th frame, so that there are no more than `max_count`."""
-    return range(frames.start, frames.stop, max(1, math.ceil(len(frames) / max_count)))
+    return frames[:: max(1, math.ceil(len(frames) / max_count))]
 
 
 def sampled(frames: range) -> str:

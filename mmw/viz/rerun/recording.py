@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.core.progress_bar import Progress
 from mmw.dataset import BeamSearch, Dataset
@@ -74,13 +73,13 @@ def record(
         stream.send_recording_name(f"{scope.scenario} {scope.weather}")
         stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         log_sensors(stream, scope, rows)
-        tags = object_tags(data, scope.scenario)
+        tags, rate_hz = object_tags(data, scope.scenario), data.frame_rate_hz(scope.scenario)
         frames = FrameLogger(stream, scope, sampled_rows(scope, rows), tags, looks.lidar_color)
         radio = RadioLogger(stream, scope, looks.search)
         with Progress("view", len(scope.frames), 0) as progress:
             for number, frame in enumerate(scope.frames):
                 stream.set_time("frame", sequence=frame)
-                stream.set_time("time", duration=frame * FRAME_DT)
+                stream.set_time("time", duration=frame / rate_hz)
                 moment = data.frame(scope.scenario, scope.weather, frame)
                 frames.log(moment)
                 radio.log(moment)

@@ -112,8 +112,8 @@ def draw_scenario(
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, found, path.parent, Path(folder))
         arrays = read_stage(
-            stage, _frames(frame), {weather: variants}, margin=1, roles=found.actor_roles,
-            material_map=config.materials_of(found),
+            stage, _frames(frame), {weather: variants}, margin=1, rate_hz=config.frame_rate_of(found),
+            roles=found.actor_roles, material_map=config.materials_of(found),
         )  # fmt: skip
         pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed, device=device)
         if not viewpoint.camera:

@@ -10,7 +10,7 @@ import pytest
 from mmw.__main__ import main
 from mmw.dataset import open_dataset
 from mmw.dataset.export import exporter as base
-from mmw.dataset.export.exporter import Format, Option, Selection, Task, checked_options, export, frame_step, parts
+from mmw.dataset.export.exporter import Format, Option, Selection, Task, checked_options, export, frame_steps, parts
 from mmw.dataset.export.registry import EXPORTERS, load_format
 from tests.fixtures.shards import keys_of, write_made_up
 
@@ -135,17 +135,18 @@ def test_task_names_are_file_names(root: Path, tmp_path: Path, monkeypatch: pyte
         export(root, "toy", tmp_path / "o")
 
 
-def test_options_and_rates() -> None:
+def test_options_and_rates(root: Path) -> None:
     form = Recorder().format
     assert checked_options(form, {}) == {"size": "small"}
     with pytest.raises(ValueError, match="option 'colour' is not known; the options are size"):
         checked_options(form, {"colour": "red"})
     with pytest.raises(ValueError, match="size=huge: is not known; give one of small, large"):
         checked_options(form, {"size": "huge"})
-    assert [frame_step("toy", "rate", {"rate": text}) for text in ("1", "10", "100")] == [100, 10, 1]
+    data = open_dataset(root)
+    assert [frame_steps(data, "toy", "rate", {"rate": text})("a") for text in ("1", "10", "100")] == [100, 10, 1]
     for text in ("0", "3", "-1", "x", "1.5"):
         with pytest.raises(ValueError, match="rate that divides 100 Hz"):
-            frame_step("toy", "rate", {"rate": text})
+            frame_steps(data, "toy", "rate", {"rate": text})("a")
 
 
 def test_parts_follow_the_selection(root: Path) -> None:
@@ -159,7 +160,7 @@ def test_parts_follow_the_selection(root: Path) -> None:
     picked = Selection(("town_b",), ("sunny",), ("rsu_1", "cav_2"), range(1, 8, 3))
     (part,) = parts(dataset, picked)
     assert (part.scenario, part.frames, part.agents) == ("town_b", (1, 4, 7), ("cav_2", "rsu_1"))
-    assert parts(dataset, picked, step=2)[0].frames == (4,)
+    assert parts(dataset, picked, step_of=lambda scenario: 2)[0].frames == (4,)
     for kind, selection in (
         ("scenario=x", Selection(scenarios=("x",))),
         ("weather=x", Selection(weathers=("x",))),
@@ -168,7 +169,7 @@ def test_parts_follow_the_selection(root: Path) -> None:
         with pytest.raises(ValueError, match=f"{kind}: .* has .*; give one of them"):
             parts(dataset, selection)
     with pytest.raises(ValueError, match="nothing is left"):
-        parts(dataset, Selection(frames=range(1, 2)), step=2)
+        parts(dataset, Selection(frames=range(1, 2)), step_of=lambda scenario: 2)
 
 
 def test_every_format_lists_its_losses() -> None:

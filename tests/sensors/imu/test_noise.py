@@ -1,5 +1,7 @@
 """Errors of the IMU: the paper's noise a sample, Allan deviations of a simulated hour, constants, bad input."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -122,3 +124,26 @@ def test_scale_and_alignment_have_the_spread_asked_for() -> None:
     turn = drawn / np.linalg.norm(drawn, axis=-1, keepdims=True)
     angles = np.stack([turn[..., 2, 1], turn[..., 0, 2], turn[..., 1, 0]])
     np.testing.assert_allclose(angles.std(axis=(0, 2)), np.radians(0.5), rtol=0.1)
+
+
+@pytest.mark.parametrize("mode", ["carla", "physical"])
+@pytest.mark.parametrize("correlation", [None, 5.0])
+def test_errors_belong_to_instants_at_any_rate_of_frames(
+    mode: Literal["carla", "physical"], correlation: float | None
+) -> None:
+    """Frame 10 n of 1000 Hz is frame n of 100 Hz: a sensor of 20 Hz has the same errors in both."""
+    config = Imu(mode=mode, rate_hz=20.0, bias_correlation_s=correlation)
+    frames = np.arange(0, 200, 5)
+    one = imu_errors(config, frames, 1, "s", ["a"])
+    for rate in (20, 1000):
+        other = imu_errors(config, frames * rate // 100, 1, "s", ["a"], rate)
+        for name in ("noise", "bias", "distortion"):
+            assert np.array_equal(getattr(one, name), getattr(other, name)), name
+
+
+def test_white_noise_has_the_density_at_every_rate_of_samples() -> None:
+    """A sample is a mean over its interval: its variance is density^2 / interval, 20 times less at 50 than 1000 Hz."""
+    for rate in (50, 1000):
+        config = Imu(mode="physical", rate_hz=float(rate), accel_noise_density=0.02)
+        noise = imu_errors(config, range(0, 20_000, 1000 // rate), 1, "s", list("abcdefgh"), 1000).noise[0]
+        assert noise.std() == pytest.approx(0.02 * np.sqrt(rate), rel=0.05)

@@ -40,7 +40,7 @@ import pyarrow.compute as pc
 
 from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, PlanarArray, apply_arrays
 from mmw.channel.response import complex_gain
-from mmw.core.constants import FRAME_RATE_HZ
+from mmw.config.sampling import UNSET, Sampling
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix, quaternion_to_ypr
 from mmw.dataset import Dataset
@@ -166,7 +166,13 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     if dataset.filesystem is not None and options["mode"] == "packed" and options["scene"] == "on":
         raise InputError(f"deepmimo: {dataset.root} is no local folder, its stages cannot be read; give scene=off")
     planned = []
+    channel = dataset.info["config"]["channel"]
+    sampling = Sampling(**{key: channel[key] for key in UNSET if key in channel})
     for part in parts(dataset, selection):
+        due = sampling.is_due(part.frames, dataset.frame_rate_hz(part.scenario))
+        part = replace(part, frames=tuple(np.array(part.frames)[due].tolist()))
+        if not part.frames:
+            raise InputError(f"deepmimo: scenario {part.scenario}: no frame of the channel is selected; pick more")
         block = Block(dataset, part.scenario, part.weather, part.frames)
         rows = block.table("links", ["frame", "carrier_hz", "link", "agent"])
         kinds = set(rows.filter(pc.is_in(rows["agent"].cast(pa.string()), value_set=pa.array(part.agents)))["link"]
@@ -189,7 +195,7 @@ def scenario_name(part: Part, carrier_hz: float) -> str:
 
 def write_scenario(dataset: Dataset, part: Part, carrier_hz: float, options: Options, out: Path) -> None:
     """Write one DeepMIMO scenario below `out`."""
-    folder = out / FOLDER / scenario_name(part, carrier_hz)
+    folder, rate_hz = out / FOLDER / scenario_name(part, carrier_hz), dataset.frame_rate_hz(part.scenario)
     antennas = read_antennas(dataset, part)
     radio = read_radio(dataset, part, carrier_hz, antennas, options)
     roles = {agent: role for (_, agent), role in zip(antennas.row, antennas.role, strict=True)}
@@ -207,10 +213,11 @@ def write_scenario(dataset: Dataset, part: Part, carrier_hz: float, options: Opt
         place.mkdir(parents=True)
         now = radio.at(frames)
         receivers = [(frame, cav) for frame in frames for cav in cavs]
-        _write_ends(place / f"receivers_r{RECEIVERS:03}.npz", antennas, receivers)
+        _write_ends(place / f"receivers_r{RECEIVERS:03}.npz", antennas, receivers, rate_hz)
         for tx_set, names in senders.items():
             if names:
-                _write_ends(place / f"transmitters_t{tx_set:03}.npz", antennas, [(frames[0], p) for p in names])
+                ends = [(frames[0], name) for name in names]
+                _write_ends(place / f"transmitters_t{tx_set:03}.npz", antennas, ends, rate_hz)
             for index, peer in enumerate(names):
                 matrices = path_matrices(now, peer, receivers, int(options["max_paths"]))
                 reached |= ~np.isnan(matrices["power"][:, 0])
@@ -236,13 +243,13 @@ def write_scenario(dataset: Dataset, part: Part, carrier_hz: float, options: Opt
     (folder / "params.json").write_text(json.dumps(params, indent=1) + "\n", encoding="utf-8")
 
 
-def _write_ends(path: Path, antennas: Antennas, keys: list[tuple[int, str]]) -> None:
+def _write_ends(path: Path, antennas: Antennas, keys: list[tuple[int, str]], rate_hz: int) -> None:
     pose, velocity = antennas.at(keys)
     frame = np.array([frame for frame, _ in keys], dtype=np.int32)
     np.savez_compressed(
         path,
         frame=frame,
-        time_s=frame / FRAME_RATE_HZ,
+        time_s=frame / rate_hz,
         agent=np.array([agent for _, agent in keys], dtype=np.str_),
         rotation_deg=np.degrees(quaternion_to_ypr(pose[:, 3:])[:, ::-1]),
         velocity=velocity,

@@ -128,6 +128,7 @@ def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
         stored_stage(root, scenario),
         range(frames.start, frames.start + 1),
         {weather: config.variants[weather]},
+        rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
     )

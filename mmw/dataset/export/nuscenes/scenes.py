@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from mmw.dataset import Dataset
-from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_step, parts, require
+from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_steps, parts, require
 from mmw.dataset.export.nuscenes.tables import LIDAR, Scene, channel_of, suffix_of, write_tables
 from mmw.dataset.export.read_sensors import Block, pick_sensor, sensors_of
 from mmw.dataset.export.write_files import write_file
@@ -65,9 +65,9 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
         InputError: If a table or a LiDAR is missing, or nothing is left.
     """
     require(dataset, "nuscenes", "lidar", "boxes", "box_visibility", "sensors")
-    key_parts = parts(dataset, selection, frame_step("nuscenes", "rate", options))
-    step = frame_step("nuscenes", "sweeps", options)
-    between = {(part.scenario, part.weather): part.frames for part in parts(dataset, selection, step)}
+    key_parts = parts(dataset, selection, frame_steps(dataset, "nuscenes", "rate", options))
+    sweeps = frame_steps(dataset, "nuscenes", "sweeps", options)
+    between = {(part.scenario, part.weather): part.frames for part in parts(dataset, selection, sweeps)}
     scenes, tasks = [], []
     for number, part in enumerate(key_parts):
         sensors = sensors_of(dataset, part.scenario)

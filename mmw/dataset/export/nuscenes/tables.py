@@ -22,8 +22,6 @@ from mmw.dataset.export.write_files import write_file
 
 VERSION = "v1.0-mmw"
 LIDAR = "LIDAR_TOP"
-FRAME_US = 10_000
-"""Microseconds from frame to frame."""
 
 CATEGORIES = {
     "car": "vehicle.car", "truck": "vehicle.truck", "bus": "vehicle.bus.rigid", "motorcycle": "vehicle.motorcycle",
@@ -76,7 +74,7 @@ class Scene:
 
     def time_us(self, frame: int) -> int:
         """Return the time of a frame [us]."""
-        return self.begin_us + frame * FRAME_US
+        return self.begin_us + frame * (1_000_000 // self.dataset.frame_rate_hz(self.scenario))
 
     def token(self, kind: str, *keys: Any) -> str:
         """Return the token of a row of the scene."""
