@@ -12,10 +12,11 @@ from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorConfig
 from mmw.config.shipped import config_path
+from mmw.config.sweep import SweepConfig
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
     "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig",
-    "TrafficConfig", "config_path", "load_config",
+    "SweepConfig", "TrafficConfig", "config_path", "load_config",
 ]  # fmt: skip

@@ -13,6 +13,7 @@ from mmw.config.output import OutputConfig
 from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import AnySensor, default_sensors
+from mmw.config.sweep import SweepConfig
 from mmw.core.errors import InputError
 
 
@@ -34,6 +35,9 @@ class Config(Section):
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
     compute: ComputeConfig = Field(default_factory=ComputeConfig, description="device and batches (section)")
+    sweep: SweepConfig | None = Field(
+        default=None, description="several datasets that differ in some keys, one below `output.dir` each (section)"
+    )
 
     @field_validator("scenarios")
     @classmethod
@@ -76,6 +80,21 @@ class Config(Section):
             raise InputError(f"scenario = {name}: there are {', '.join(found)}; name one of them")
         return found[name] if name else self.scenarios[0]
 
+    def check_single(self, use: str) -> None:
+        """Check that this is the configuration of one dataset.
+
+        Args:
+            use: What needs one, for the message.
+
+        Raises:
+            InputError: If it has a sweep.
+        """
+        if self.sweep is not None:
+            raise InputError(
+                f"sweep: makes {self.sweep.count} datasets, and {use} needs one; remove the section, or give the "
+                "config.yaml of one of its datasets"
+            )
+
     def frames_of(self, scenario: ScenarioConfig) -> FramesConfig:
         """Return the frames of a scenario."""
         return self.frames or scenario.frames or FramesConfig()
@@ -93,7 +112,7 @@ class Config(Section):
     def identity(self) -> dict[str, Any]:
         """Return what decides the bytes of the data: everything but where they go, and `compute`."""
         data = self.model_dump(mode="json")
-        del data["compute"], data["output"]["dir"], data["output"]["staging"]
+        del data["compute"], data["sweep"], data["output"]["dir"], data["output"]["staging"]
         return data
 
     def sha256(self) -> str:

@@ -20,3 +20,9 @@ class OutputConfig(Section):
     shard_frames: int = Field(
         default=100, ge=1, le=10_000, description="frames in one shard: the unit of writing and resuming (count)"
     )
+
+
+def folder_below(root: str, name: str) -> str:
+    """Return the folder of a dataset below that of its sweep; options of a URL stay at the end."""
+    path, mark, options = root.partition("?") if "://" in root else (root, "", "")
+    return f"{path.rstrip('/')}/{name}{mark}{options}"

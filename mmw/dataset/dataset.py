@@ -68,6 +68,11 @@ class Dataset:
             return read_dataset(self.root)
         return parse_dataset(read_bytes(self.root, DATASET, self.filesystem), self.root)
 
+    @property
+    def sweep(self) -> dict[str, Any]:
+        """Keys of the sweep that made the dataset, by their dotted paths, and their values; empty without a sweep."""
+        return self.info.get("sweep", {}).get("values", {})
+
     @cached_property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables that have files; those of sensor packages that are not installed come last."""

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -105,16 +106,46 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     return {"cav": cavs, "rsu": len(scenario.rsus), "vehicles": traffic.vehicle_count, "boxes": boxes}
 
 
+@dataclass(frozen=True)
+class PlanEstimate:
+    """What a configuration would make, about."""
+
+    rays: float
+    """Rays of all frames, traced once for all weathers."""
+    bytes: float
+    """Bytes of all tables."""
+    lines: tuple[str, ...]
+    """A line for each scenario."""
+
+
 def describe_plan(config: Config, base: Path, device: str) -> str:
     """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
 
     Raises:
         InputError: If a stage of the user's own cannot be read.
     """
+    plan = estimate_plan(config, base)
     lines = [
         f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s), "
-        f"{config.frame_total} frames in all on {device}"
+        f"{config.frame_total} frames in all on {device}",
+        *plan.lines,
     ]
+    if config.channel.enabled and config.channel.candidates == "exhaustive":
+        lines.append("  channel: no rays; every surface is tried for every link")
+    lines.append(
+        f"total: {si(plan.rays)}rays traced once for all weathers, tables of about {si(plan.bytes)}B "
+        f"in {config.output.dir}"
+    )
+    return "\n".join(lines)
+
+
+def estimate_plan(config: Config, base: Path) -> PlanEstimate:
+    """Return about how many rays and bytes the scenarios of a configuration would take.
+
+    Raises:
+        InputError: If a stage of the user's own cannot be read.
+    """
+    lines: list[str] = []
     total_rays = total_bytes = 0.0
     framed_tables = sum(table.framed for table in TABLES.values())
     for scenario in config.scenarios:
@@ -130,13 +161,7 @@ def describe_plan(config: Config, base: Path, device: str) -> str:
             f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU "
             f"among {counts['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
         )
-    if config.channel.enabled and config.channel.candidates == "exhaustive":
-        lines.append("  channel: no rays; every surface is tried for every link")
-    lines.append(
-        f"total: {si(total_rays)}rays traced once for all weathers, tables of about {si(total_bytes)}B "
-        f"in {config.output.dir}"
-    )
-    return "\n".join(lines)
+    return PlanEstimate(total_rays, total_bytes, tuple(lines))
 
 
 def frame_cost(config: Config, counts: Mapping[str, int]) -> tuple[dict[str, int], float]:

@@ -19,6 +19,7 @@ from mmw.storage.identity import changed_inputs, check_same, inputs_sha256, is_h
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
 from mmw.storage.shard_writer import MARKERS, META_KEYS, SHARD_DOTS, ShardKey, key_of, marker_path
 from mmw.storage.store import DATASET, LOCKS, MANIFEST, Root, Store, store_of
+from mmw.storage.sweep_index import dataset_roots
 
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
 """Required content of `dataset.json`."""
@@ -59,6 +60,7 @@ def prepare_root(
     versions: Mapping[str, Any],
     overwrite: bool,
     inputs: Mapping[str, Mapping[str, str]] | None = None,
+    sweep: Mapping[str, Any] | None = None,
 ) -> None:
     """Start a dataset, or resume an unfinished one of the same configuration and input files.
 
@@ -72,6 +74,7 @@ def prepare_root(
         versions: Versions of the software.
         overwrite: Whether data of another configuration is removed.
         inputs: Hashes of the input files, see `mmw.scene.input_files`; not compared if absent here or in the dataset.
+        sweep: What a sweep says about this one of its datasets: `name`, `values`, `columns`.
 
     Raises:
         InputError: If the store has data of another configuration, of other input files or of another schema version,
@@ -101,6 +104,7 @@ def prepare_root(
         "versions": dict(versions),
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "config": dict(config_identity),
+        **({} if sweep is None else {"sweep": dict(sweep)}),
     }
     _start_writing(store, json.dumps(content, indent=1).encode())
 
@@ -119,7 +123,13 @@ def read_dataset(root: Root) -> dict[str, Any]:
         InputError: If there is no dataset, or the file is damaged or another program's.
     """
     store = store_of(root)
-    return parse_dataset(_read_head(store), store.location())
+    head = _read_head(store)
+    if head is None and (datasets := dataset_roots(store)):
+        raise InputError(
+            f"{store.location()}: is a sweep of {len(datasets)} datasets; give the folder of one, such as "
+            f"{next(iter(datasets.values()))}"
+        )
+    return parse_dataset(head, store.location())
 
 
 def _read_head(store: Store) -> bytes | None:

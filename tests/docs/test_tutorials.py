@@ -23,6 +23,7 @@ NOT_RUN = {
     "getting-started/tour.md": 2,
     "getting-started/gallery.md": 2,
     "guides/configure.md": 0,
+    "guides/sweeps.md": 0,
     "guides/scene.md": 0,
     "guides/python-generate.md": 0,
     "guides/query.md": 1,
@@ -56,6 +57,11 @@ def test_install_and_configure(clone: Path) -> None:
     run_page(DOCS / "getting-started" / "install.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
     run_page(DOCS / "guides" / "configure.md", clone)
     assert "scenarios:" in (clone / "mine.yaml").read_text()
+
+
+@pytest.mark.slow
+def test_sweeps(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "sweeps.md", tmp_path)
 
 
 @pytest.mark.slow
