@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from mmw.cli.command import run_command
 from mmw.config import config_path, load_config
+from mmw.config.differences import differences_yaml
 from mmw.config.load import json_schema, load_sweep, to_yaml
 from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
@@ -61,6 +62,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result.add_argument(
         "--print-config", action="store_true", help="print the resolved configuration with every default and stop"
     )
+    result.add_argument("--diff", action="store_true", help="print only what differs from the defaults and stop")
     result.add_argument(
         "--print-schema", action="store_true", help="print the JSON Schema of the configuration and stop"
     )
@@ -98,6 +100,8 @@ def _run(arguments: argparse.Namespace) -> None:
     how = {name: getattr(arguments, name) for name in ("overwrite", "shard", "accept")}
     if arguments.print_config:
         print(to_yaml(config), end="")
+    elif arguments.diff:
+        print(differences_yaml(config), end="")
     elif arguments.dry_run and members:
         print(describe_sweep(members, config.output.dir, path.parent, path, arguments.shard))
     elif members:

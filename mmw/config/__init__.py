@@ -13,10 +13,11 @@ from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, Traffic
 from mmw.config.sensor import MountConfig, SensorConfig
 from mmw.config.shipped import config_path
 from mmw.config.sweep import SweepConfig
+from mmw.config.vary import VaryConfig, VaryRsuConfig, VarySpawnConfig
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
     "LensConfig", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "ScenarioConfig", "SensorConfig",
-    "SweepConfig", "TrafficConfig", "config_path", "load_config",
+    "SweepConfig", "TrafficConfig", "VaryConfig", "VaryRsuConfig", "VarySpawnConfig", "config_path", "load_config",
 ]  # fmt: skip

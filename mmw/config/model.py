@@ -14,6 +14,7 @@ from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import AnySensor, default_sensors
 from mmw.config.sweep import SweepConfig
+from mmw.config.vary import VaryConfig, draw_air
 from mmw.core.errors import InputError
 
 
@@ -22,15 +23,18 @@ class Config(Section):
 
     scenarios: tuple[ScenarioConfig, ...] = Field(description="worlds, traffic and agents (list)")
     weathers: tuple[Name, ...] = Field(default=("sunny",), description="weathers to make (list)")
+    frames: FramesConfig | None = Field(
+        default=None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
+    )
+    seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
+    vary: VaryConfig | None = Field(
+        default=None, description="what is drawn by `seed` besides models, drivers, routes and noise (section)"
+    )
     air: dict[Name, AirConfig] = Field(
         default_factory=dict,
         validate_default=True,
         description="weather -> its physical values; presets need no entry, other names do (map)",
     )
-    frames: FramesConfig | None = Field(
-        default=None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
-    )
-    seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
     sensors: tuple[AnySensor, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
@@ -53,7 +57,12 @@ class Config(Section):
     @classmethod
     def _known_weathers(cls, value: dict[str, AirConfig], info: ValidationInfo) -> dict[str, AirConfig]:
         weathers = info.data.get("weathers")  # absent if it is wrong itself, which is reported elsewhere
-        return value if weathers is None else resolve_air(value, weathers)
+        vary, seed = info.data.get("vary"), info.data.get("seed")
+        if weathers is None:
+            return value
+        if vary is not None and seed is not None:
+            value = draw_air(value, vary, weathers, seed)
+        return resolve_air(value, weathers)
 
     @model_validator(mode="after")
     def _unique(self) -> "Config":
@@ -67,6 +76,20 @@ class Config(Section):
             raise InputError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):
             raise InputError(f"weathers = {list(self.weathers)} names one twice; name each once")
+        return self
+
+    @model_validator(mode="after")
+    def _vary_fits(self) -> "Config":
+        for key, needed in (
+            ("spawn", "generated traffic: `town`, and engine idm or sumo"),
+            ("rsu", "`town` and `rsus`"),
+        ):
+            if self.vary is None or getattr(self.vary, key) is None:
+                continue
+            for scenario in self.scenarios:
+                engine = scenario.traffic.engine if scenario.traffic else None
+                if engine is None or (key == "spawn" and engine == "replay") or (key == "rsu" and not scenario.rsus):
+                    raise InputError(f"vary.{key} needs {needed}; scenario {scenario.name!r} has none; remove one")
         return self
 
     def scenario(self, name: str) -> ScenarioConfig:
@@ -113,6 +136,8 @@ class Config(Section):
         """Return what decides the bytes of the data: everything but where they go, and `compute`."""
         data = self.model_dump(mode="json")
         del data["compute"], data["sweep"], data["output"]["dir"], data["output"]["staging"]
+        if self.vary is None:
+            del data["vary"]  # as before there was such a key
         return data
 
     def sha256(self) -> str:

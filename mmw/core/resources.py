@@ -14,9 +14,9 @@ def configs_dir() -> Path:
 
 
 def shipped_configs() -> dict[str, Path]:
-    """Return the shipped configurations by name, those of single scenarios last."""
-    folder = configs_dir()
-    return {path.stem: path for path in (*sorted(folder.glob("*.yaml")), *sorted(folder.glob("scenarios/*.yaml")))}
+    """Return the shipped configurations by name: whole ones, those of single scenarios, and examples of keys."""
+    patterns = ("*.yaml", "scenarios/*.yaml", "examples/*.yaml")
+    return {path.stem: path for pattern in patterns for path in sorted(configs_dir().glob(pattern))}
 
 
 def assets_dir() -> Path:

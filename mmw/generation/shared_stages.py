@@ -43,12 +43,13 @@ class SharedStages:
 
 def stage_identity(config: Config, scenario: ScenarioConfig) -> dict[str, Any]:
     """Return what decides the bytes of a scenario's stage, see `mmw.scene.prepare.prepare_scenario`."""
-    own = scenario.model_dump(mode="json", exclude={"frames", "material_map", "description"})
-    weather = config.weathers[0]
+    own = scenario.model_dump(mode="json", exclude={"frames", "description"})
+    frames, weather = config.frames_of(scenario), config.weathers[0]
     return {
         "scenario": own,
-        "frames": config.frames_of(scenario).stop,
+        "frames": [frames.stop, frames.model_dump(mode="json", exclude={"start", "count"})],
         "seed": config.seed,
+        "vary": config.vary.model_dump(mode="json", exclude={"weather"}) if config.vary else None,
         "sensors": [sensor.model_dump(mode="json") for sensor in config.sensors],
         "variants": config.variants[weather],
         "antenna": config.channel.antenna_position_m if config.channel.enabled else None,

@@ -261,7 +261,7 @@ def test_shipped_schema_is_current_and_shipped_configs_follow_it() -> None:
     validator.check_schema(schema)
     top, scenarios = sorted(configs_dir().glob("*.yaml")), sorted(configs_dir().glob("scenarios/*.yaml"))
     assert [path.name for path in top] == ["full.yaml", "quickstart.yaml"] and len(scenarios) == 16
-    for path in (*top, *scenarios):
+    for path in (*top, *scenarios, *sorted(configs_dir().glob("examples/*.yaml"))):
         validator.validate(yaml.load(path.read_text(), Loader))
         validator.validate(json.loads(load_config(path).model_dump_json()))
         folder = "." if path in top else ".."

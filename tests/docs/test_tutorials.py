@@ -22,6 +22,7 @@ NOT_RUN = {
     "getting-started/install.md": 2,
     "getting-started/tour.md": 2,
     "getting-started/gallery.md": 2,
+    "getting-started/paper.md": 0,
     "guides/configure.md": 0,
     "guides/sweeps.md": 0,
     "guides/scene.md": 0,
@@ -56,6 +57,7 @@ def test_only_the_blocks_that_say_so_are_not_run(page: str) -> None:
 def test_install_and_configure(clone: Path) -> None:
     run_page(DOCS / "getting-started" / "install.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
     run_page(DOCS / "guides" / "configure.md", clone)
+    run_page(DOCS / "getting-started" / "paper.md", clone)
     assert "scenarios:" in (clone / "mine.yaml").read_text()
 
 

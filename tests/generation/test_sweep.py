@@ -51,7 +51,7 @@ def test_python_returns_the_datasets_by_name(swept: Path, capfd: pytest.CaptureF
 def test_the_index_finds_datasets_by_their_values(swept: Path) -> None:
     rows = duckdb.sql(f"SELECT name, seed FROM read_json('{swept}/all/sweep.json') WHERE rate_hz = 50").fetchall()
     assert rows == [(NAMES[1], 1), (NAMES[3], 2)]
-    assert mmw.connect(swept / "all" / NAMES[3]).sql("SELECT count(*) FROM imu").fetchall() == [(2,)]
+    assert mmw.connect(swept / "all" / NAMES[3]).execute("SELECT count(*) FROM imu").fetchall() == [(2,)]
 
 
 def test_dry_run_sums_up(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
