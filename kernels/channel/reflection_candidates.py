@@ -7,7 +7,6 @@ from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
     Surfaces,
-    in_box,
     in_plane_box,
     is_mirror,
     mean_plane,
@@ -19,8 +18,9 @@ from mmw.kernels.core.geometry import reflection_point
 
 wp.set_module_options(DOUBLE_PRECISION)
 
-LINKS_AT_ONCE = wp.constant(8)
-"""Links that one thread tests against its surface: the plane is read once for them."""
+WIDE_MARGIN = wp.constant(wp.float64(1e-5))
+"""Slack of the first test of a reflection [m and 1]: it only has to let every surface through that `refine_kernel`
+finds to be exact, however its point is rounded."""
 LINK_BITS = wp.constant(31)
 """Links of a source that one pass over the candidates tests: the bits of its result."""
 
@@ -63,6 +63,34 @@ def candidate_depth(key: wp.uint64) -> int:
     return wp.int32(key >> (wp.uint64(32) + PLANE_BITS))
 
 
+@wp.func
+def is_between(low: wp.float64, high: wp.float64, value: wp.float64) -> bool:
+    """Return whether a coordinate lies between two others, or near them; generous, see `WIDE_MARGIN`."""
+    slack = WIDE_MARGIN * (wp.float64(1.0) + wp.abs(value))
+    return value >= low - slack and value <= high + slack
+
+
+@wp.func
+def reflects_in_box(
+    normal: wp.vec3d, offset: wp.float64, low: wp.vec3d, high: wp.vec3d, tx: wp.vec3d, rx: wp.vec3d
+) -> bool:
+    """Return whether both ends are on one side of a plane, which reflects one to the other inside a box, or near it.
+
+    The point is that of `reflection_point`, with one division and axis by axis: most surfaces fail at the first.
+    """
+    tx_height = wp.dot(normal, tx) - offset
+    rx_height = wp.dot(normal, rx) - offset
+    if not tx_height * rx_height > wp.float64(0.0):  # nor for NaN, the pose of an absent instance
+        return False
+    share = tx_height / (tx_height + rx_height)
+    down = wp.float64(2.0) * share * rx_height
+    if not is_between(low[0], high[0], tx[0] + share * (rx[0] - tx[0]) - down * normal[0]):
+        return False
+    if not is_between(low[1], high[1], tx[1] + share * (rx[1] - tx[1]) - down * normal[1]):
+        return False
+    return is_between(low[2], high[2], tx[2] + share * (rx[2] - tx[2]) - down * normal[2])
+
+
 @wp.kernel
 def cull_reflections_kernel(
     ends: LinkEnds,
@@ -72,62 +100,39 @@ def cull_reflections_kernel(
     first_source: int,
     is_hit: wp.array2d[wp.uint8],
     # out
-    links_out: wp.array2d[int],
-    count_out: wp.array2d[int],
+    pairs_out: wp.array2d[wp.uint64],
 ):
     """Find which links could use which surface: their point of reflection falls into the surface's box.
 
-    A thread tests one surface and `LINKS_AT_ONCE` links; bit b of `links_out` is link block * LINKS_AT_ONCE + b after
-    `first_link`. `is_seen` has a row for each source from `first_source`, a column a plane. Launch:
-    dim=(ceil(link_count / LINKS_AT_ONCE), G).
+    A thread tests eight surfaces and eight links: bit 8 s + b of `pairs_out` is surface 8 group + s and link 8 block +
+    b after `first_link`. `is_hit` has a row for each source from `first_source`, a column a plane; without rows every
+    plane counts as hit. Launch: dim=(ceil(link_count / 8), ceil(G / 8)).
     """
-    block, surface = wp.tid()
-    row = surfaces.row[surface]
-    normal = surfaces.normal[row]
-    offset = surfaces.offset[row]
-    carrier = surfaces.carrier[surface]
-    plane = surfaces.plane[surface]
-    bits = wp.int32(0)
-    count = wp.int32(0)
-    for bit in range(LINKS_AT_ONCE):
-        number = block * LINKS_AT_ONCE + bit
-        if number < link_count:
-            link = first_link + number
-            if is_hit[ends.source[link] - first_source, plane] != wp.uint8(0):
-                tx = ends.tx[link, carrier]
-                rx = ends.rx[link, carrier]
-                if is_mirror(normal, offset, tx, rx):
-                    point = reflection_point(tx, rx, normal, offset)
-                    if in_box(surfaces.lower[row], surfaces.upper[row], point):
-                        bits = bits | (1 << bit)
-                        count = count + 1
-    links_out[block, surface] = bits
-    count_out[block, surface] = count
-
-
-@wp.kernel
-def fill_reflections_kernel(
-    first_link: int,
-    links: wp.array2d[int],
-    end: wp.array2d[int],
-    # out
-    link_out: wp.array[int],
-    step_out: wp.array2d[int],
-):
-    """Write the (link, surface) pairs that `cull_reflections_kernel` chose; `end` is the inclusive sum of its counts.
-
-    Launch: dim as `cull_reflections_kernel`.
-    """
-    block, surface = wp.tid()
-    bits = links[block, surface]
-    index = end[block, surface]
-    bit = LINKS_AT_ONCE - 1
-    while bits != 0 and bit >= 0:
-        if (bits >> bit) & 1 == 1:
-            index = index - 1
-            link_out[index] = first_link + block * LINKS_AT_ONCE + bit
-            step_out[index, 0] = surface
-        bit = bit - 1
+    block, group = wp.tid()
+    links = wp.min(8, link_count - 8 * block)
+    members = wp.min(8, surfaces.row.shape[0] - 8 * group)
+    pairs = wp.uint64(0)
+    member = wp.int32(0)
+    while member < members:
+        surface = 8 * group + member
+        row = surfaces.row[surface]
+        normal = surfaces.normal[row]
+        offset = surfaces.offset[row]
+        carrier = surfaces.carrier[surface]
+        bit = wp.int32(0)
+        while bit < links:
+            link = first_link + 8 * block + bit
+            is_seen = is_hit.shape[0] == 0
+            if not is_seen:
+                is_seen = is_hit[ends.source[link] - first_source, surfaces.plane[surface]] != wp.uint8(0)
+            if is_seen:
+                low = surfaces.lower[row]
+                high = surfaces.upper[row]
+                if reflects_in_box(normal, offset, low, high, ends.tx[link, carrier], ends.rx[link, carrier]):
+                    pairs = pairs | (wp.uint64(1) << wp.uint64(8 * member + bit))
+            bit = bit + 1
+        member = member + 1
+    pairs_out[block, group] = pairs
 
 
 @wp.kernel

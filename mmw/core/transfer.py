@@ -4,6 +4,7 @@ import weakref
 from collections import deque
 from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -59,8 +60,14 @@ def to_host(arrays: Sequence[wp.array]) -> list[np.ndarray]:
 
 def numpy_type(array: wp.array) -> tuple[np.dtype, tuple[int, ...]]:
     """Return the NumPy type of an array's scalars, and the shape of an element: empty, or that of a vector."""
-    scalar = getattr(array.dtype, "_wp_scalar_type_", array.dtype)
-    return np.dtype(wp.dtype_to_numpy(scalar)), getattr(array.dtype, "_shape_", ())
+    return scalar_type(array.dtype)
+
+
+@cache
+def scalar_type(kind: Any) -> tuple[np.dtype, tuple[int, ...]]:
+    """Return the NumPy type of the scalars of a Warp type, and the shape of an element: empty, or that of a vector."""
+    scalar = getattr(kind, "_wp_scalar_type_", kind)
+    return np.dtype(wp.dtype_to_numpy(scalar)), getattr(kind, "_shape_", ())
 
 
 def _pinned(array: wp.array, stream: wp.Stream) -> np.ndarray | None:

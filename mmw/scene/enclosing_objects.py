@@ -4,10 +4,12 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 import math
+from functools import cache
 
 import numpy as np
 import warp as wp
 
+from mmw.core.packed_arrays import borrow_arrays
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
 
@@ -25,30 +27,62 @@ REACH_M = 5_000.0
 """Length of the rays [m]: out of any town."""
 
 
-def enclosing_objects(scene: DeviceScene, position: np.ndarray) -> np.ndarray:
-    """Return the object that each point is inside, -1 for a point in the open.
+class EnclosingQuery:
+    """Question which object each of some points is inside; the device answers while other work is queued.
 
     A place is inside something if nearly all rays upward hit an odd number of surfaces: inside a closed solid every
     ray out crosses its skin once more than it enters. The winding of faces does not matter.
+    """
+
+    def __init__(self, scene: DeviceScene, position: np.ndarray):
+        """Send the rays.
+
+        Args:
+            scene: Town and vehicles with a batch loaded; its first frame counts.
+            position: World frame [m], shape [N, 3].
+        """
+        count, device = len(position), scene.device
+        points, rays = ((count,), wp.vec3), ((count, RAYS), wp.int32)
+        self._given = borrow_arrays(device, ((count,), wp.int32), points, ((RAYS,), wp.vec3))
+        self._out = borrow_arrays(device, rays, rays)
+        frame, origin, direction = self._given.host
+        frame[...], origin[...], direction[...] = 0, position - scene.origin, _directions()
+        inputs = [scene.struct, *self._given.upload(), REACH_M]
+        shape = (count, RAYS)
+        wp.launch(sight.count_hits_kernel, shape, inputs, self._out.arrays, device=device, block_dim=BLOCK_DIM)
+
+    def object_ids(self) -> np.ndarray:
+        """Return the object around each point, -1 in the open: the one that most rays hit first, shape [N], int32.
+
+        It can be asked once.
+        """
+        count, objects = self._out.download()
+        is_odd = count % 2 == 1
+        inside = np.full(len(count), -1, dtype=np.int32)
+        for row in np.flatnonzero(is_odd.mean(axis=1) >= INSIDE_SHARE):
+            inside[row] = np.bincount(objects[row][objects[row] >= 0]).argmax()
+        self._given.release()
+        self._out.release()
+        return inside
+
+
+def enclosing_objects(scene: DeviceScene, position: np.ndarray) -> np.ndarray:
+    """Return the object that each point is inside, -1 for a point in the open; see `EnclosingQuery`.
 
     Args:
         scene: Town and vehicles with a batch loaded; its first frame counts.
         position: World frame [m], shape [N, 3].
 
     Returns:
-        Object ids, the one that most rays hit first, shape [N], int32.
+        Object ids, shape [N], int32.
     """
+    return EnclosingQuery(scene, position).object_ids()
+
+
+@cache
+def _directions() -> np.ndarray:
+    """Return the directions of the rays, even over the upper half space, shape [RAYS, 3]."""
     turn = np.arange(RAYS) * math.pi * (3.0 - math.sqrt(5.0))  # golden angle: even in azimuth at every height
     up = np.linspace(0.02, 0.98, RAYS)
     across = np.sqrt(1.0 - up**2)
-    direction = np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=1).astype(np.float32)
-    device, shape = scene.device, (len(position), RAYS)
-    count, first = (wp.empty(shape, dtype=int, device=device) for _ in range(2))
-    frame = wp.zeros(len(position), dtype=int, device=device)
-    origin = (np.asarray(position) - scene.origin).astype(np.float32)
-    rays = (wp.array(vectors, dtype=wp.vec3, device=device) for vectors in (origin, direction))
-    inputs = [scene.struct, frame, *rays, REACH_M]
-    wp.launch(sight.count_hits_kernel, shape, inputs, [count, first], device=device, block_dim=BLOCK_DIM)
-    is_odd, objects = count.numpy() % 2 == 1, first.numpy()
-    around = [int(np.bincount(row[row >= 0]).argmax()) if (row >= 0).any() else -1 for row in objects]
-    return np.where(is_odd.mean(axis=1) >= INSIDE_SHARE, around, -1).astype(np.int32)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), up], axis=1)

@@ -19,7 +19,7 @@ from mmw.scene.object_handle import ObjectHandle
 from mmw.scene.radio_devices import RadioDevice, Receiver, Transmitter, finite_vector, unit_quaternion
 from mmw.scene.ray_casting import RayHits, cast_rays, ray_arrays
 from mmw.scene.scene_data import SceneData
-from mmw.scene.scene_devices import SceneDevices, antenna_states, device_actor
+from mmw.scene.scene_devices import SceneDevices, antenna_states, default_array, device_actor
 from mmw.scene.scene_edits import check_mesh
 from mmw.scene.scene_state import SceneState
 from mmw.usd.semantics import CARLA_TAG
@@ -270,7 +270,7 @@ class Scene:
     def array_of(self, device: RadioDevice) -> "PlanarArray":
         """Return the array of a device: its own, that of the scene, or a vertical short dipole."""
         of_scene = self.tx_array if isinstance(device, Transmitter) else self.rx_array
-        return device.array or of_scene or load_reference("mmw.channel.antennas.arrays:PlanarArray")()
+        return device.array or of_scene or default_array()
 
     def antenna_states(self, devices: Sequence[RadioDevice]) -> RadioDevices:
         """Return where the phase centers of devices are in the current frame, how they are turned and move.

@@ -1,15 +1,21 @@
 """Hold the transmitters and receivers of a scene, and compute where they are."""
 
 from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.core.registry import load_reference
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.scene.mounted_antennas import RadioDevices, mounted_antennas
 from mmw.scene.named_items import NamedItems
 from mmw.scene.radio_devices import RadioDevice, Receiver, Transmitter
 from mmw.scene.scene_state import SceneState
+
+if TYPE_CHECKING:
+    from mmw.channel.antennas.arrays import PlanarArray
 
 
 class SceneDevices:
@@ -61,6 +67,12 @@ class SceneDevices:
         if found == [None, None]:
             listed = ", ".join((*self._transmitters, *self._receivers)) or "none"
             raise InputError(f"scene {scene!r}: no transmitter or receiver {name!r}; it has {listed}; name one")
+
+
+@cache
+def default_array() -> "PlanarArray":
+    """Return the array of a device without one: a vertical short dipole."""
+    return load_reference("mmw.channel.antennas.arrays:PlanarArray")()
 
 
 def antenna_states(state: SceneState, devices: Sequence[RadioDevice]) -> RadioDevices:

@@ -35,24 +35,24 @@ class EndElements:
         Returns:
             Components (theta, phi) in the world's basis, shape [P, 1, 2].
         """
-        used = np.unique(self.index[link]) if len(self.arrays) > 1 else np.zeros(min(len(link), 1), dtype=np.int64)
+        if not len(link):
+            return np.zeros((0, 1, 2))
+        if len(self.arrays) == 1:
+            return _first_field(self.arrays[0], direction, rotation[link])
         parts = []
-        for number in used:
+        for number in np.unique(self.index[link]):
             rows = np.flatnonzero(self.index[link] == number)
-            array, turn = self.arrays[number], rotation[link[rows]]
-            if not is_level(array):
-                turn = turn @ array.rotation
-            parts.append(
-                (
-                    rows,
-                    antenna_field(direction[rows], turn, array.pattern, array.polarization, array.polarization_model),
-                )
-            )
-        kind = np.result_type(np.float64, *(part.dtype for _, part in parts))
-        field = np.zeros((len(link), 1, 2), dtype=kind)
+            parts.append((rows, _first_field(self.arrays[number], direction[rows], rotation[link[rows]])))
+        field = np.empty((len(link), 1, 2), dtype=np.result_type(*(part.dtype for _, part in parts)))
         for rows, part in parts:
-            field[rows] = part[:, :1]
+            field[rows] = part
         return field
+
+
+def _first_field(array: PlanarArray, direction: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Return the field of the first polarization of an array's elements on devices that are turned, [P, 1, 2]."""
+    turn = rotation if is_level(array) else rotation @ array.rotation
+    return antenna_field(direction, turn, array.pattern, array.polarization, array.polarization_model)[:, :1]
 
 
 @dataclass(frozen=True)

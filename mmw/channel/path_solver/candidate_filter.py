@@ -7,17 +7,16 @@ import warp as wp
 
 from mmw.channel.path_solver.candidates import launches
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
+from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.transfer import to_host
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
 from mmw.kernels.channel.reflection_candidates import (
     LINK_BITS,
-    LINKS_AT_ONCE,
     CandidateTree,
     cull_candidates_kernel,
     cull_reflections_kernel,
     fill_candidates_kernel,
-    fill_reflections_kernel,
     image_kernel,
 )
 
@@ -40,7 +39,7 @@ def reflected_candidates(
         InputError: If there are too many candidates to try them all, or to hold them.
     """
     for part, begin, is_hit, keys in launches(search, links.sources):
-        yield from _single_reflections(search, links, part, begin, is_hit)
+        yield _single_reflections(search, links, part, begin, is_hit)
         if keys is not None:
             tree = _build_tree(search, part, keys)
             yield from _reflected(search, links, part, tree)
@@ -60,12 +59,23 @@ def diffracted_candidates(search: Search, links: SortedLinks) -> Iterator[Candid
 
 def _single_reflections(
     search: Search, links: SortedLinks, sources: Sources, first_source: int, is_hit: wp.array
-) -> Iterator[Candidates]:
-    """Yield the candidates of one reflection."""
-    begin, stop = int(sources.first_link[0]), int(sources.first_link[-1])
-    dim = (-(-(stop - begin) // LINKS_AT_ONCE), len(search.table))
-    inputs = [links.ends, search.table.device, begin, stop - begin, first_source, is_hit]
-    yield from _cull_then_fill(search, cull_reflections_kernel, inputs, fill_reflections_kernel, [begin], dim, False)
+) -> Candidates:
+    """Return the candidates of one reflection, in the order of links' blocks, surfaces and links."""
+    begin, device = int(sources.first_link[0]), search.scene.device
+    count = int(sources.first_link[-1]) - begin
+    shape = -(-count // 8), -(-len(search.table) // 8)
+    block = borrow_arrays(device, (shape, wp.uint64))
+    inputs = [links.ends, search.table.device, begin, count, first_source, is_hit]
+    wp.launch(cull_reflections_kernel, dim=shape, inputs=inputs, outputs=block.arrays, device=device)
+    words = block.download()[0].reshape(-1)
+    word = np.flatnonzero(words)
+    bits = np.unpackbits(words[word].view(np.uint8), bitorder="little")
+    block.release()
+    at = np.flatnonzero(bits)
+    block_of, group = np.divmod(word[at >> 6], shape[1])
+    step = np.full((len(at), max(1, search.config.max_depth)), -1, dtype=np.int32)
+    step[:, 0] = 8 * group + ((at >> 3) & 7)
+    return (begin + 8 * block_of + (at & 7)).astype(np.int32), step, False
 
 
 def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTree:

@@ -41,7 +41,8 @@ def launches(search: Search, sources: Sources) -> Iterator[tuple[Sources, int, w
 
     Yields:
         Some of the sources; the number of the first of them; the planes that are hit first, one byte each, shape [A,
-        K]; and the keys of candidates of two planes and more, shape [N], None if none are wanted.
+        K], without rows if all could be hit; and the keys of candidates of two planes and more, shape [N], None if none
+        are wanted.
 
     Raises:
         InputError: If there are too many candidates to try them all, or to hold them.
@@ -75,10 +76,11 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
 
 
 def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, wp.array | None]:
-    """Return the first planes, one byte each, shape [A, K], and the keys of longer candidates, shape [N], if wanted."""
+    """Return the first planes, one byte each, shape [A, K] or [0, 0] for all, and the keys of longer candidates, shape
+    [N], if wanted."""
     scene, table, config = search.scene, search.table, search.config
     if config.candidates == "exhaustive":
-        is_hit = wp.full((len(sources), table.plane_count), 1, dtype=wp.uint8, device=scene.device)
+        is_hit = wp.empty((0, 0), dtype=wp.uint8, device=scene.device)
         keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         has_keys = keys is not None and len(keys) > 0
         return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None

@@ -9,10 +9,11 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.scatter_paths import find_patches
 from mmw.channel.path_solver.search import Search
-from mmw.channel.path_solver.traced_paths import TracedPaths, make_hit_buffers, reverse_columns
-from mmw.core.transfer import to_host
+from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
+from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.kernels.channel.edges import cull_wedges_kernel
 from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
+from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.interaction import DIFFRACTION
 from mmw.physics.em.vectors import norm
@@ -158,20 +159,21 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
 def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) -> TracedPaths:
     """Return the candidates that are paths; `link` still counts in the order of the sources."""
     scene, table, config = search.scene, search.table, search.config
-    device, shape = scene.device, step.shape
-    candidates = PathCandidates()
-    candidates.link = wp.array(link, dtype=wp.int32, device=device)
-    candidates.step = wp.array(step, dtype=wp.int32, device=device)
+    device, count = scene.device, len(link)
+    rows = padded_count(count)
+    ends, steps = ((rows,), wp.int32), ((rows, step.shape[1]), wp.int32)
+    vectors, numbers = (steps[0], wp.vec3d), (steps[0], wp.float64)
+    given = borrow_arrays(device, ends, steps)
+    given.host[0][:count], given.host[1][:count] = link, step
+    scratch = borrow_arrays(device, vectors, vectors, vectors, numbers)
+    out = borrow_arrays(device, ends, steps, steps, vectors, vectors)
+    candidates = scratch.struct(PathCandidates, "image", "normal", "point", "offset")
+    candidates.link, candidates.step = given.upload()
     candidates.is_plane = is_plane
-    candidates.image, candidates.normal, candidates.point = (
-        wp.empty(shape, dtype=wp.vec3d, device=device) for _ in range(3)
-    )
-    candidates.offset = wp.empty(shape, dtype=wp.float64, device=device)
-    order = wp.empty(len(link), dtype=wp.int32, device=device)
-    hits = make_hit_buffers(shape, device)
+    hits = out.struct(HitBuffers, None, "kind", "surface", "vertex", "normal")
     wp.launch(
         refine_kernel,
-        dim=len(link),
+        dim=count,
         inputs=[
             scene.struct,
             search.forward.ends,
@@ -182,14 +184,14 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
             candidates,
             config.max_depth if config.refraction else 0,
         ],
-        outputs=[order, hits],
+        outputs=[out.arrays[0], hits],
         device=device,
         block_dim=64,
     )
-    orders, kind, surface, vertex, normal = to_host([order, hits.kind, hits.surface, hits.vertex, hits.normal])
+    orders, kind, surface, vertex, normal = (values[:count] for values in out.download())
     kept = np.flatnonzero(orders >= 0)
-    is_there = np.arange(shape[1]) < orders[kept, None]
-    return TracedPaths(
+    is_there = np.arange(step.shape[1]) < orders[kept, None]
+    found = TracedPaths(
         link=link[kept],
         order=orders[kept],
         kind=np.where(is_there, kind[kept], 0),
@@ -198,6 +200,9 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
         normal=np.where(is_there[..., None], normal[kept], np.nan),
         ray=np.full(len(kept), -1, dtype=np.int32),
     )
+    for block in (given, scratch, out):
+        block.release()
+    return found
 
 
 def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mmw.channel.antennas.link_elements import EndElements, LinkElements
 from mmw.channel.links import LINK_V2I, Links
+from mmw.channel.path_solver.place_checks import PlaceCheck
 from mmw.channel.path_solver.solver import Trace, check_channel_materials, path_gains, trace_links
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.paths import PathSet
@@ -17,7 +18,7 @@ from mmw.channel.scene_paths import Paths
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.physics.em.vectors import rotate
-from mmw.scene.enclosing_objects import enclosing_objects
+from mmw.physics.materials.material import Material
 from mmw.scene.mounted_antennas import RadioDevices
 from mmw.scene.radio_devices import RadioDevice
 from mmw.scene.scene import Scene
@@ -108,6 +109,8 @@ class PathSolver:
             diffuse_samples=diffuse_samples,
         )  # fmt: skip
         self._synthetic_array, self._air_losses, self._check_places = synthetic_array, air_losses, check_places
+        self._geometry = repr(self._config.model_dump(exclude={"carriers_hz", "pattern", "polarization"}))
+        self._last: tuple[str, ChannelConfig] | None = None
 
     def __repr__(self) -> str:
         values = self._config.model_dump(exclude_defaults=True)
@@ -142,23 +145,31 @@ class PathSolver:
             InputError: If there is no transmitter or no receiver, one is inside an object, a weather or an actor is not
                 there, a carrier is out of the range of a material, or there are too many candidates.
         """
-        carriers = [carriers_hz] if np.isscalar(carriers_hz) else list(carriers_hz)
-        config = _channel_config(**{**self._config.model_dump(), "carriers_hz": carriers})
+        config = self._config_at([carriers_hz] if np.isscalar(carriers_hz) else list(carriers_hz))
         names = [scene.check_weather(name) for name in ([None] if weathers is None else weathers)]
         on_device = scene.device_scene
         table: SurfaceTable = scene.cached(
             ("surfaces", config.diffraction), lambda: make_surface_table(on_device, wedges=config.diffraction)
         )
         materials = {name: scene.materials_by_id(name) for name in names}
-        check_channel_materials(materials, table.used_materials, config)
+        _check_materials_once(scene, materials, table, config)
         tx, rx = (self._ends(scene, kind, config) for kind in ("transmitter", "receiver"))
+        check = PlaceCheck(scene, [("transmitter", tx.devices), ("receiver", rx.devices)] if self._check_places else [])
         elements = LinkElements(*(_end_elements(own, index) for own, index in _pairs(tx, rx)))
-        is_two_way = elements.is_uniform and bool(np.isin(tx.number, rx.number).any())
+        is_two_way = elements.is_uniform and not set(tx.number.tolist()).isdisjoint(rx.number.tolist())
         trace = self._trace(scene, tx, rx, table, config, is_reciprocal=is_two_way)
+        check.finish()
         air = {name: scene.weathers[name] for name in names} if self._air_losses else None
         found = path_gains(trace, config, materials, air, elements)
         result = {name: self._paths(scene, found, name, tx, rx) for name in names}
         return result if weathers is not None else result[names[0]]
+
+    def _config_at(self, carriers: list[Any]) -> ChannelConfig:
+        """Return the settings at some carriers; those of the last call are kept."""
+        key = repr(carriers)
+        if self._last is None or self._last[0] != key:
+            self._last = key, _channel_config(**{**self._config.model_dump(), "carriers_hz": carriers})
+        return self._last[1]
 
     def _ends(self, scene: Scene, kind: str, config: ChannelConfig) -> _Ends:
         """Return the devices of one kind, or their elements, where they are now."""
@@ -172,8 +183,6 @@ class PathSolver:
         arrays = tuple(scene.array_of(device) for device in devices)
         state = scene.antenna_states(devices)
         own = RadioEnds(names=tuple(device.name for device in devices), state=state, arrays=arrays)
-        if self._check_places:
-            _check_open(scene, kind, own)
         number = np.array([_number(scene, device) for device in devices], dtype=np.int32)
         index = np.arange(len(devices), dtype=np.int32)
         if self._synthetic_array:
@@ -204,14 +213,13 @@ class PathSolver:
             tx=tx.state.take(t),
             rx=rx.state.take(r),
         )
-        geometry = config.model_dump(exclude={"carriers_hz", "pattern", "polarization"})
         places = tuple(
             values.tobytes()
             for end in (tx, rx)
             for values in (end.state.position, end.state.rotation, end.state.velocity, end.number)
         )
         key = (scene.version, scene.frame, is_reciprocal, places)
-        last: dict[Any, Trace] = scene.cached(("trace", repr(geometry)), dict)
+        last: dict[Any, Trace] = scene.cached(("trace", self._geometry), dict)
         if key not in last:
             trace = trace_links(scene.device_scene, links, config, table, is_reciprocal=is_reciprocal)
             last.clear()
@@ -244,6 +252,17 @@ def _channel_config(**values: Any) -> ChannelConfig:
         raise InputError(str(error).replace("ChannelConfig", "PathSolver", 1)) from None
 
 
+def _check_materials_once(
+    scene: Scene, materials: dict[str, tuple[Material, ...]], table: SurfaceTable, config: ChannelConfig
+) -> None:
+    """Raise InputError if a material has no data at a carrier; what passed is not looked at again."""
+    passed: dict[str, list[Any]] = scene.cached(("materials with data", config.carriers_hz), dict)
+    new = {name: own for name, own in materials.items() if not any(own is one for one in passed.get(name, ()))}
+    if new:
+        check_channel_materials(new, table.used_materials, config)
+        passed |= {name: [own] for name, own in new.items()}
+
+
 def _pairs(tx: _Ends, rx: _Ends) -> tuple[tuple[_Ends, np.ndarray], tuple[_Ends, np.ndarray]]:
     """Return both sides with the end of each link, receiver by receiver, shape [L]."""
     link = np.arange(len(tx) * len(rx), dtype=np.int32)
@@ -264,25 +283,3 @@ def _number(scene: Scene, device: RadioDevice) -> int:
     if actor >= 0:
         return actor
     return FREE_DEVICE | (zlib.crc32(f"{device.kind} {device.name}".encode()) & (FREE_DEVICE - 1))
-
-
-def _check_open(scene: Scene, kind: str, ends: RadioEnds) -> None:
-    """Raise InputError for a device that is inside an object."""
-    position = ends.state.position
-    kept: dict[str, tuple[int, dict[bytes, int]]] = scene.cached("object around each device", dict)
-    version, known = kept.get(kind, (scene.version, {}))
-    known = known if version == scene.version else {}
-    new = [row for row in range(len(position)) if position[row].tobytes() not in known]
-    if new:
-        found = enclosing_objects(scene.device_scene, position[new])
-        known = known | {position[row].tobytes(): int(object_id) for row, object_id in zip(new, found, strict=True)}
-    seen = {place.tobytes(): known[place.tobytes()] for place in position}  # of this call only, so that it stays small
-    kept[kind] = (scene.version, seen)
-    for name, place in zip(ends.names, position, strict=True):
-        object_id = seen[place.tobytes()]
-        if object_id >= 0:
-            what = scene.arrays.objects[object_id]
-            raise InputError(
-                f"{kind} {name!r}: position = {tuple(place.round(3).tolist())} is inside {what.prim_path} "
-                f"({what.label}); no wave leaves a closed object; move it, or use PathSolver(check_places=False)"
-            )

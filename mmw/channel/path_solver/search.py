@@ -9,6 +9,7 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
+from mmw.core.packed_arrays import upload_arrays
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
@@ -82,16 +83,24 @@ class Search:
 
     def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
         """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""
-        keys = np.concatenate([batch_index[:, None], tx], axis=1)
-        _, first_use, source = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-        source = source.reshape(-1).astype(np.int32)
-        order = np.argsort(source, kind="stable")
-        first_link = np.searchsorted(source[order], np.arange(len(first_use) + 1)).astype(np.int32)
-        sources = Sources(batch_index[first_use].astype(np.int32), tx[first_use], first_link)
-        ends, device, inverse = LinkEnds(), self.scene.device, invert(self.host_pose)[batch_index[order]]
-        ends.batch_index = wp.array(batch_index[order], dtype=wp.int32, device=device)
-        ends.source = wp.array(source[order], dtype=wp.int32, device=device)
-        for name, world in (("tx", tx[order, None]), ("rx", rx[order, None])):
-            local = np.concatenate([transform_points(inverse, world), world], axis=1)
-            setattr(ends, name, wp.array(local, dtype=wp.vec3d, device=device))
+        order = np.lexsort((tx[:, 2], tx[:, 1], tx[:, 0], batch_index))
+        at, of_batch = tx[order], batch_index[order]
+        is_first = np.ones(len(order), dtype=bool)
+        is_first[1:] = (at[1:] != at[:-1]).any(axis=1) | (of_batch[1:] != of_batch[:-1])
+        first_use = np.flatnonzero(is_first)
+        first_link = np.append(first_use, len(order)).astype(np.int32)
+        sources = Sources(of_batch[first_use].astype(np.int32), at[first_use], first_link)
+        instances = self.host_pose.shape[1]
+        local = np.empty((2, len(order), instances + 1, 3))
+        local[0, :, instances], local[1, :, instances] = at, rx[order]
+        if instances:
+            local[:, :, :instances] = transform_points(invert(self.host_pose)[of_batch], local[:, :, instances:])
+        ends = LinkEnds()
+        ends.batch_index, ends.source, ends.tx, ends.rx = upload_arrays(
+            self.scene.device,
+            (of_batch, wp.int32),
+            (np.cumsum(is_first) - 1, wp.int32),
+            (local[0], wp.vec3d),
+            (local[1], wp.vec3d),
+        )
         return SortedLinks(order, sources, ends)

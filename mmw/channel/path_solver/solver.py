@@ -128,11 +128,10 @@ def path_gains(
         diffraction_model: Field of a wedge; `sionna` is for comparisons with Sionna RT.
 
     Raises:
-        InputError: If a material has no permittivity at a carrier.
+        InputError: If a material on a path has no permittivity at a carrier; see `check_channel_materials` for all.
     """
     search, found, geometry = trace.search, trace.found, trace.geometry
     links, table = search.links, search.table
-    check_channel_materials(materials, table.used_materials, config)
     is_whole = len(trace.traced) == len(trace.links)
     own = elements if elements is None or is_whole else elements.take(trace.traced)
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)

@@ -5,6 +5,8 @@ reduction factor is used; rain turns no polarization noticeably at these lengths
 length) and dispersion are neglected.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -145,7 +147,12 @@ def path_loss_db(
         rain = rain_attenuation(weather.rain_mm_h, carriers, np.asarray(elevation)[:, None], np.reshape(tilt, (-1, 1)))
     if weather.liquid_water_g_m3 > 0.0:
         fog = fog_attenuation(weather.liquid_water_g_m3, carriers, weather.temperature_c)
-    dry_air, vapour = gas_attenuation(
-        carriers, weather.dry_pressure_hpa, weather.temperature_c, weather.water_vapour_g_m3
-    )
-    return {"rain_db": rain * km, "fog_db": fog * km, "gas_db": (dry_air + vapour) * km}
+    gas = _gas(tuple(carriers), weather.dry_pressure_hpa, weather.temperature_c, weather.water_vapour_g_m3)
+    return {"rain_db": rain * km, "fog_db": fog * km, "gas_db": gas * km}
+
+
+@lru_cache(maxsize=256)
+def _gas(carriers_hz: tuple[float, ...], *air: float) -> np.ndarray:
+    """Return the attenuation by air and vapor [dB/km], shape [C]: 80 lines that do not change from call to call."""
+    dry_air, vapour = gas_attenuation(np.array(carriers_hz), *air)
+    return dry_air + vapour

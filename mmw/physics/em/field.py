@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.transforms import cross
 from mmw.physics.em.fresnel import reflection, transmission
 from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
@@ -98,8 +99,8 @@ def path_geometry(
         before = at
     theta_t, phi_t = direction_angles(direction[:, 0])
     theta_r, phi_r = direction_angles(-direction[:, -1])
-    outgoing = np.stack(spherical_basis(theta_t, phi_t), axis=1)
-    end_basis = np.stack(spherical_basis(theta_r, phi_r), axis=1)
+    outgoing = _pair(*spherical_basis(theta_t, phi_t))
+    end_basis = _pair(*spherical_basis(theta_r, phi_r))
     turn, cosine = np.empty((count, depth + 1, 2, 2)), np.ones((count, depth))
     incoming = np.zeros((count, depth, 2, 3))
     for k in range(depth):
@@ -115,7 +116,7 @@ def path_geometry(
 
 def _turn(into: np.ndarray, out: np.ndarray) -> np.ndarray:
     """Return the matrix from components in `out` to components in `into`, shapes [P, 2, 3] -> [P, 2, 2]."""
-    return np.stack([np.stack([dot(into[:, i], out[:, j]) for j in range(2)], axis=-1) for i in range(2)], axis=1)
+    return dot(into[:, :, None], out[:, None, :])
 
 
 def _bases(
@@ -124,25 +125,36 @@ def _bases(
     """Return the basis of the incoming and of the outgoing wave, shape [P, 2, 3] each, and the cosine of incidence."""
     is_plane = (kind == SPECULAR) | (kind == TRANSMISSION)
     is_rough, is_edge = kind == DIFFUSE, kind == DIFFRACTION
-    facing = np.where((is_plane | is_rough)[:, None], normal, [0.0, 0.0, 1.0])
-    axis = perpendicular(k_in, np.where(is_edge[:, None], edge, facing))
-    out_axis = np.where(is_edge[:, None], -perpendicular(k_out, np.where(is_edge[:, None], edge, facing)), axis)
-    into = np.stack([axis, np.cross(k_in, axis)], axis=1)
-    out = np.stack([out_axis, np.cross(k_out, out_axis)], axis=1)
+    has_normal = is_plane | is_rough
+    facing = np.where(has_normal[:, None], normal, [0.0, 0.0, 1.0])
+    axis = out_axis = perpendicular(k_in, facing)
+    if is_edge.any():
+        edges = is_edge[:, None]
+        axis = np.where(edges, perpendicular(k_in, edge), axis)
+        out_axis = np.where(edges, -perpendicular(k_out, edge), axis)
+    into, out = _pair(axis, cross(k_in, axis)), _pair(out_axis, cross(k_out, out_axis))
     if is_rough.any():
         rough = is_rough[:, None, None]
-        into = np.where(rough, np.stack(spherical_basis(*direction_angles(k_in)), axis=1), into)
-        out = np.where(rough, np.stack(spherical_basis(*direction_angles(k_out)), axis=1), out)
-    cosine = np.where(is_plane | is_rough, np.minimum(np.abs(dot(k_in, facing)), 1.0), 1.0)
+        into = np.where(rough, _pair(*spherical_basis(*direction_angles(k_in))), into)
+        out = np.where(rough, _pair(*spherical_basis(*direction_angles(k_out))), out)
+    cosine = np.where(has_normal, np.minimum(np.abs(dot(k_in, facing)), 1.0), 1.0)
     return into, out, cosine
+
+
+def _pair(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return two vectors of each path in one array, shape [P, 3] each -> [P, 2, 3]."""
+    out = np.empty((len(first), 2, 3))
+    out[:, 0], out[:, 1] = first, second
+    return out
 
 
 def perpendicular(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
     """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [P, 3]."""
-    axis = np.cross(direction, normal)
+    axis = cross(direction, normal)
     is_normal = dot(axis, axis) < 1e-12
-    other = np.where(np.abs(direction[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    axis = np.where(is_normal[:, None], np.cross(direction, other), axis)
+    if is_normal.any():
+        other = np.where(np.abs(direction[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        axis = np.where(is_normal[:, None], cross(direction, other), axis)
     return axis / norm(axis)[:, None]
 
 
@@ -168,6 +180,8 @@ def plane_matrices(
     matrices[kind == 0] = np.eye(2)
     for code, coefficients in ((SPECULAR, reflection), (TRANSMISSION, transmission)):
         at = np.nonzero(kind == code)
+        if not len(at[0]):
+            continue
         te, tm = coefficients(permittivity[at], geometry.cosine[at], thickness[at], carrier_hz)
         specular_share = np.sqrt(1.0 - scattering[at] ** 2) if code == SPECULAR else 1.0
         matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * specular_share, tm * specular_share

@@ -57,20 +57,24 @@ def path_transfer(
     )
     row = np.where(interactions.material_id >= 0, interactions.material_id, 0)
     spreading = 1.0 / geometry.length
-    spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
-    spreading[interactions.rough.path] = rough_spreading(geometry, interactions.rough)
+    has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
+    pattern = None
+    if has_wedges:
+        spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
+    if has_rough:
+        spreading[interactions.rough.path] = rough_spreading(geometry, interactions.rough)
+        pattern = rough_matrices(geometry, interactions.rough, materials, interactions.material_id)
     out = np.zeros((len(spreading), len(carriers_hz), 2, 2), dtype=np.complex128)
-    pattern = rough_matrices(geometry, interactions.rough, materials, interactions.material_id)
     for column, carrier in enumerate(carriers_hz):
         eta = permittivity[:, column] if len(materials) else np.ones(1, dtype=np.complex128)
         matrices = plane_matrices(geometry, eta[row], thickness[row], scattering[row], carrier)
-        if len(interactions.wedges.path):
+        if has_wedges:
             faces = interactions.wedge_material
             matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
                 geometry, interactions.wedges, eta[faces], thickness[faces], scattering[faces], carrier, model
             )
         scale = None
-        if len(interactions.rough.path):
+        if has_rough:
             matrices[interactions.rough.path, interactions.rough.step] = pattern
             own = interactions.material_id[interactions.rough.path, interactions.rough.step]
             scale = rough_columns(geometry, interactions.rough, eta[own], thickness[own], carrier)

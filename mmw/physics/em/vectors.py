@@ -13,14 +13,21 @@ def norm(a: np.ndarray) -> np.ndarray:
     return np.sqrt(dot(a, a))
 
 
+def stacked(x: np.ndarray, y: np.ndarray, z: np.ndarray | float) -> np.ndarray:
+    """Return vectors of three components of one shape, or a number for the last, shape [...] -> [..., 3]."""
+    out = np.empty((*np.shape(x), 3))
+    out[..., 0], out[..., 1], out[..., 2] = x, y, z
+    return out
+
+
 def rotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
-    return np.stack([dot(rotation[..., i, :], vector) for i in range(3)], axis=-1)
+    return stacked(*(dot(rotation[..., i, :], vector) for i in range(3)))
 
 
 def unrotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return the transpose of `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
-    return np.stack([dot(rotation[..., :, i], vector) for i in range(3)], axis=-1)
+    return stacked(*(dot(rotation[..., :, i], vector) for i in range(3)))
 
 
 def direction_angles(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -36,12 +43,10 @@ def direction_angles(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def unit_vector(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the directions of zenith and azimuth angles [rad], shape [...] -> [..., 3]."""
-    return np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], axis=-1)
+    return stacked(np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta))
 
 
 def spherical_basis(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the unit vectors of growing zenith and growing azimuth, shape [...] -> [..., 3] each."""
     sin_t, cos_t, sin_p, cos_p = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
-    theta_hat = np.stack([cos_t * cos_p, cos_t * sin_p, -sin_t], axis=-1)
-    phi_hat = np.stack([-sin_p, cos_p, np.zeros_like(phi)], axis=-1)
-    return theta_hat, phi_hat
+    return stacked(cos_t * cos_p, cos_t * sin_p, -sin_t), stacked(-sin_p, cos_p, 0.0)

@@ -1,0 +1,146 @@
+"""Put several small arrays into one block of memory: an allocation or a copy costs the same for one as for all."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from mmw.core.transfer import scalar_type, to_host
+
+ALIGNMENT = 64
+"""Start of each array in its block is a multiple of this [bytes]: no array shares a cache line with another."""
+
+KEPT_BYTES = 1 << 18
+"""Largest block that is kept to be borrowed again [bytes]: larger ones cost more to use than to allocate. Design
+value."""
+
+KEPT_KINDS = 256
+"""Most combinations of device and layouts of which blocks are kept; design value."""
+
+Layout = tuple[tuple[int, ...], Any]
+"""Shape and Warp type of an array; a vector is the last axis of the values on the host."""
+
+_free: dict[tuple[str, tuple[Layout, ...]], deque["PackedArrays"]] = {}
+"""Blocks that nobody uses."""
+
+
+class PackedArrays:
+    """Arrays in one block on a device and one on the host, with undefined values at first.
+
+    On the CPU both are the same memory. On a GPU `upload` and `download` copy between the two.
+
+    Attributes:
+        arrays: The arrays on the device.
+        host: The arrays on the host, to be written before `upload`.
+    """
+
+    def __init__(self, device: str, layouts: tuple[Layout, ...]):
+        """Allocate them; see `borrow_arrays` for arrays that are needed again and again."""
+        self._key = device, layouts
+        self._offsets, size = _offsets(layouts)
+        self._block = self._twin = wp.empty(size, dtype=wp.uint8, device=device)
+        self._is_kept = size <= KEPT_BYTES
+        if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
+            self._twin = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=self._is_kept)
+        self.arrays = _views(self._block, layouts, self._offsets)
+        self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
+        self._structs: dict[Any, Any] = {}
+
+    def upload(self) -> list[wp.array]:
+        """Copy the block to the device, and return the arrays there."""
+        if self._twin is not self._block:
+            wp.copy(self._block, self._twin)
+        return self.arrays
+
+    def download(self) -> list[np.ndarray]:
+        """Copy the block to the host, wait for that, and return the arrays there."""
+        if self._twin is self._block:
+            return self.host
+        if not self._is_kept:
+            return _host_views(to_host([self._block])[0], self._key[1], self._offsets)
+        wp.copy(self._twin, self._block)
+        wp.synchronize_stream(wp.get_stream(self._block.device))
+        return self.host
+
+    def struct(self, kind: Callable[[], Any], *names: str | None) -> Any:
+        """Return a Warp struct that has the arrays as fields of these names, in their order, but those of None.
+
+        It is made once for a block.
+        """
+        if kind not in self._structs:
+            made = kind()
+            for name, array in zip(names, self.arrays, strict=True):
+                if name is not None:
+                    setattr(made, name, array)
+            self._structs[kind] = made
+        return self._structs[kind]
+
+    def release(self) -> None:
+        """Give the block back: neither its arrays nor their host views are used any more, by work in any stream."""
+        if self._is_kept:
+            if len(_free) > KEPT_KINDS:
+                _free.clear()
+            _free.setdefault(self._key, deque()).append(self)
+
+
+def borrow_arrays(device: str, *layouts: Layout) -> PackedArrays:
+    """Return a block of arrays with undefined values, one that was released if there is one.
+
+    Args:
+        device: Warp device.
+        layouts: Shape and type of each array.
+    """
+    free = _free.get((device, layouts))
+    return free.pop() if free else PackedArrays(device, layouts)
+
+
+def padded_count(count: int) -> int:
+    """Return a number of rows of at least `count`, one of few, so that blocks of similar sizes are used again."""
+    return count if count > KEPT_BYTES else max(64, 1 << (count - 1).bit_length())
+
+
+def upload_arrays(device: str, *parts: tuple[np.ndarray, Any]) -> list[wp.array]:
+    """Return arrays on a device, by one copy. They keep their block alive.
+
+    Args:
+        device: Warp device.
+        parts: Values and Warp type of each; a vector is the last axis of the values.
+    """
+    layouts = [(values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in parts]
+    offsets, size = _offsets(layouts)
+    block = np.empty(size, dtype=np.uint8)
+    for view, (values, _) in zip(_host_views(block, layouts, offsets), parts, strict=True):
+        view[...] = values
+    packed = wp.array(block, dtype=wp.uint8, device=device, copy=device != "cpu")
+    return _views(packed, layouts, offsets)
+
+
+def _offsets(layouts: Sequence[Layout]) -> tuple[list[int], int]:
+    """Return where each array starts in the block, and the size of the block [bytes]."""
+    offsets, end = [], 0
+    for shape, kind in layouts:
+        offsets.append(end)
+        size = wp.types.type_size_in_bytes(kind)
+        for extent in shape:
+            size *= extent
+        end += -(-size // ALIGNMENT) * ALIGNMENT
+    return offsets, max(end, ALIGNMENT)
+
+
+def _views(block: wp.array, layouts: Sequence[Layout], offsets: Sequence[int]) -> list[wp.array]:
+    views = []
+    for (shape, kind), offset in zip(layouts, offsets, strict=True):
+        view = wp.array(ptr=(block.ptr or 0) + offset, shape=shape, dtype=kind, device=block.device)
+        view._ref = block  # the memory lives as long as one of its arrays
+        views.append(view)
+    return views
+
+
+def _host_views(block: np.ndarray, layouts: Sequence[Layout], offsets: Sequence[int]) -> list[np.ndarray]:
+    views = []
+    for (shape, kind), offset in zip(layouts, offsets, strict=True):
+        scalar, element = scalar_type(kind)
+        views.append(np.ndarray((*shape, *element), scalar, block, offset))
+    return views
