@@ -44,7 +44,7 @@ class SweepMember:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """What `dataset.json` of the dataset says about its place in the sweep."""
+        """Place in the sweep, as `dataset.json` of the dataset has it."""
         return {"name": self.name, "values": dict(self.values), "columns": dict(self.columns)}
 
 

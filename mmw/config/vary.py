@@ -39,7 +39,7 @@ class VaryRsuConfig(Section):
 
 
 class VaryConfig(Section):
-    """What differs between seeds; without a key of it, that is the same in all."""
+    """Draws of each seed; what has no key here is the same in all seeds."""
 
     spawn: VarySpawnConfig | None = Field(
         default=None, description="start positions, and which vehicles are CAVs; engines idm and sumo (section)"

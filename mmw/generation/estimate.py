@@ -108,7 +108,7 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class PlanEstimate:
-    """What a configuration would make, about."""
+    """Estimate of the work and the data of a configuration."""
 
     rays: float
     """Rays of all frames, traced once for all weathers."""

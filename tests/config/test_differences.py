@@ -1,4 +1,4 @@
-"""What a configuration changes is told in short, and means the same."""
+"""A configuration is told by what it changes, in short, and that means the same."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What a seed changes: weather in ranges, and clear errors."""
+"""Draws of a seed: weather in ranges, and clear errors."""
 
 from pathlib import Path
 
