@@ -101,22 +101,6 @@ def padded_count(count: int) -> int:
     return count if count > KEPT_BYTES else max(64, 1 << (count - 1).bit_length())
 
 
-def upload_arrays(device: str, *parts: tuple[np.ndarray, Any]) -> list[wp.array]:
-    """Return arrays on a device, by one copy. They keep their block alive.
-
-    Args:
-        device: Warp device.
-        parts: Values and Warp type of each; a vector is the last axis of the values.
-    """
-    layouts = [(values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in parts]
-    offsets, size = _offsets(layouts)
-    block = np.empty(size, dtype=np.uint8)
-    for view, (values, _) in zip(_host_views(block, layouts, offsets), parts, strict=True):
-        view[...] = values
-    packed = wp.array(block, dtype=wp.uint8, device=device, copy=device != "cpu")
-    return _views(packed, layouts, offsets)
-
-
 def _offsets(layouts: Sequence[Layout]) -> tuple[list[int], int]:
     """Return where each array starts in the block, and the size of the block [bytes]."""
     offsets, end = [], 0

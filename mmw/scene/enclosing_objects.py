@@ -57,9 +57,9 @@ class EnclosingQuery:
         It can be asked once.
         """
         count, objects = self._out.download()
-        is_odd = count % 2 == 1
+        odd = (count % 2).sum(axis=1)
         inside = np.full(len(count), -1, dtype=np.int32)
-        for row in np.flatnonzero(is_odd.mean(axis=1) >= INSIDE_SHARE):
+        for row in np.flatnonzero(odd >= INSIDE_SHARE * RAYS):
             inside[row] = np.bincount(objects[row][objects[row] >= 0]).argmax()
         self._given.release()
         self._out.release()

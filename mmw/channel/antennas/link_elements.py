@@ -68,6 +68,25 @@ class LinkElements:
         first, *others = (*self.tx.arrays, *self.rx.arrays)
         return all(same_element(first, other) for other in others)
 
+    def fields(
+        self, departure: np.ndarray, arrival: np.ndarray, tx_rotation: np.ndarray, rx_rotation: np.ndarray,
+        link: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Return the far fields of transmitters and receivers, shape [P, 1, 2] each; see `EndElements.field`.
+
+        Args:
+            departure: Unit directions away from the transmitter, world frame, shape [P, 3].
+            arrival: Unit directions away from the receiver, shape [P, 3].
+            tx_rotation: Device-to-world rotation of every link's transmitter, shape [L, 3, 3].
+            rx_rotation: Device-to-world rotation of every link's receiver, shape [L, 3, 3].
+            link: Link of each path, shape [P].
+        """
+        if len(link) and len(self.tx.arrays) == len(self.rx.arrays) == 1 and self.tx.arrays[0] is self.rx.arrays[0]:
+            turns = np.concatenate([tx_rotation[link], rx_rotation[link]])
+            both = _first_field(self.tx.arrays[0], np.concatenate([departure, arrival]), turns)
+            return both[: len(link)], both[len(link) :]
+        return self.tx.field(departure, tx_rotation, link), self.rx.field(arrival, rx_rotation, link)
+
     def take(self, rows: np.ndarray) -> "LinkElements":
         """Return those of some links."""
         return LinkElements(*(replace(end, index=end.index[rows]) for end in (self.tx, self.rx)))

@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -9,7 +10,8 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
-from mmw.core.packed_arrays import upload_arrays
+from mmw.core.packed_arrays import PackedArrays, borrow_arrays
+from mmw.core.transfer import scalar_type
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
@@ -65,10 +67,28 @@ class Search:
         rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
         pose = scene.arrays.poses[rows][:, scene.instance_actor]
         self.host_pose = make_pose(pose[..., :3], normalize(pose[..., 3:]))
-        self.pose = wp.array(self.host_pose, dtype=wp.transformd, device=scene.device)
+        self._blocks: list[PackedArrays] = []
+        (self.pose,) = self._upload((self.host_pose, wp.transformd)).arrays
         self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
         self.rank = np.empty(len(links), dtype=np.int32)
         self.rank[self.forward.order] = np.arange(len(links))
+
+    def _upload(self, *parts: tuple[np.ndarray, Any]) -> PackedArrays:
+        """Return arrays on the device until `release`: values and Warp type of each."""
+        layouts = [(values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in parts]
+        block = borrow_arrays(self.scene.device, *layouts)
+        for view, (values, _) in zip(block.host, parts, strict=True):
+            view[...] = values
+        block.upload()
+        self._blocks.append(block)
+        return block
+
+    def release(self) -> None:
+        """Give the arrays on the device back, after the last launch; `forward` and `pose` are gone."""
+        for block in self._blocks:
+            block.release()
+        self._blocks.clear()
+        del self.forward, self.pose
 
     def with_rays(self, rays: int) -> "Search":
         """Return the same search with another number of rays a transmitter."""
@@ -95,12 +115,6 @@ class Search:
         local[0, :, instances], local[1, :, instances] = at, rx[order]
         if instances:
             local[:, :, :instances] = transform_points(invert(self.host_pose)[of_batch], local[:, :, instances:])
-        ends = LinkEnds()
-        ends.batch_index, ends.source, ends.tx, ends.rx = upload_arrays(
-            self.scene.device,
-            (of_batch, wp.int32),
-            (np.cumsum(is_first) - 1, wp.int32),
-            (local[0], wp.vec3d),
-            (local[1], wp.vec3d),
-        )
-        return SortedLinks(order, sources, ends)
+        source = np.cumsum(is_first) - 1
+        block = self._upload((of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d))
+        return SortedLinks(order, sources, block.struct(LinkEnds, "batch_index", "source", "tx", "rx"))

@@ -97,7 +97,10 @@ def trace_links(
     is_pair = np.zeros(len(traced), dtype=bool)
     is_pair[reverse_of[reverse_of >= 0]] = True
     search = Search(scene, links if is_whole else links.take(traced), config, table)
-    found = trace_paths(search, None if is_whole else is_pair)
+    try:
+        found = trace_paths(search, None if is_whole else is_pair)
+    finally:
+        search.release()
     geometry, interactions = _geometry(search, found)
     if config.diffraction and not config.diffraction_lit_region:
         keep = np.ones(len(found), dtype=bool)
@@ -293,8 +296,8 @@ def _gains(
         rx_field = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
         tilt = np.array(0.0 if config.polarization == "H" else np.pi / 2)
     else:
-        tx_field = elements.tx.field(geometry.departure, links.tx.rotation, found.link)
-        rx_field = elements.rx.field(geometry.arrival, links.rx.rotation, found.link)
+        rotations = links.tx.rotation, links.rx.rotation
+        tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
         tilt = elements.tx.tilt[found.link]
     elevation = np.pi / 2 - geometry.theta_t
     transfer, a, loss_db = {}, {}, {}
