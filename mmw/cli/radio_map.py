@@ -104,6 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
     path = config_path(arguments.config)
     patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
     config = load_config(path, arguments.overrides, patch)
+    config.check_single("a radio map")
     select_bvh(config.compute.bvh)
     device = choose_device(arguments.device or config.compute.device)
     scenario = config.scenario(arguments.scenario)

@@ -9,10 +9,12 @@ from collections.abc import Sequence
 
 from mmw.cli.command import run_command
 from mmw.config import config_path, load_config
-from mmw.config.load import json_schema, to_yaml
+from mmw.config.differences import differences_yaml
+from mmw.config.load import json_schema, load_sweep, to_yaml
 from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
 from mmw.generation.run_config import describe_config, run_config
+from mmw.generation.sweep import describe_sweep, run_sweep
 
 
 def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
@@ -67,6 +69,7 @@ def parser(prog: str = "python -m mmw.run") -> argparse.ArgumentParser:
     result.add_argument(
         "--print-config", action="store_true", help="print the resolved configuration with every default and stop"
     )
+    result.add_argument("--diff", action="store_true", help="print only what differs from the defaults and stop")
     result.add_argument(
         "--print-schema", action="store_true", help="print the JSON Schema of the configuration and stop"
     )
@@ -102,12 +105,19 @@ def _run(arguments: argparse.Namespace) -> None:
     path = config_path(arguments.config)
     given = {key: value for key, value in options.items() if value is not None}
     config = load_config(path, arguments.overrides, given)
+    members = load_sweep(path, arguments.overrides, given)
+    how = {name: getattr(arguments, name) for name in ("overwrite", "shard", "accept")}
     if arguments.print_config:
         print(to_yaml(config), end="")
+    elif arguments.diff:
+        print(differences_yaml(config), end="")
+    elif arguments.dry_run and members:
+        print(describe_sweep(members, config.output.dir, path.parent, path, arguments.shard))
+    elif members:
+        run_sweep(members, config.output.dir, path.parent, path, **how)
     elif arguments.dry_run:
         print(describe_config(config, path.parent, path, arguments.shard, is_quick=arguments.quick))
     else:
-        how = {name: getattr(arguments, name) for name in ("overwrite", "shard", "accept")}
         run_config(config, path.parent, path, **how)
 
 

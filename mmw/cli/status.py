@@ -2,7 +2,7 @@
 
 import argparse
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from mmw.cli.command import run_command
 from mmw.generation.progress import si
@@ -12,7 +12,8 @@ from mmw.storage.foreign_files import foreign_files, name_files
 from mmw.storage.identity import mixtures
 from mmw.storage.lock import temporaries, writers
 from mmw.storage.manifest import MANIFEST, read_markers
-from mmw.storage.store import store_of
+from mmw.storage.store import DATASET, store_of
+from mmw.storage.sweep_index import dataset_roots
 
 
 def main(argv: Sequence[str], prog: str = "mmw status") -> int:
@@ -22,13 +23,39 @@ def main(argv: Sequence[str], prog: str = "mmw status") -> int:
         description="Report the progress of a dataset and its writers. Exit codes: 0 complete, 1 not yet, or there are "
         "files that are no part of it.",
     )
-    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
+    parser.add_argument("dataset", help="dataset folder, that of a sweep, or s3://bucket/folder")
     return run_command(parser, _status, argv)
 
 
 def _status(arguments: argparse.Namespace) -> int:
-    config = stored_config(arguments.dataset)
-    root = store_of(arguments.dataset, config.output.staging)
+    members = dataset_roots(arguments.dataset)
+    return _sweep_status(members) if members else _dataset_status(arguments.dataset)
+
+
+def _sweep_status(members: Mapping[str, str]) -> int:
+    """Print a line for every dataset of a sweep; return 0 if all are complete."""
+    complete = 0
+    width = max(map(len, members))
+    for name, folder in members.items():
+        state = "missing"
+        if store_of(folder).read(DATASET) is not None:
+            config = stored_config(folder)
+            root = store_of(folder, config.output.staging)
+            left = sum(item.frames for item in pending_work(root, all_work(config)))
+            is_complete = not left and bool(root.sizes([MANIFEST]))
+            complete += is_complete
+            state = f"{config.frame_total - left:,}/{config.frame_total:,} frames"
+            state += "" if is_complete else ", being written" if writers(root) else ", not complete"
+        print(f"{name:<{width}}  {state}")
+    print(f"{complete} of {len(members)} datasets are complete")
+    if complete < len(members):
+        print("the command that began the sweep makes the rest; `mmw status` of a dataset's folder tells more")
+    return 0 if complete == len(members) else 1
+
+
+def _dataset_status(dataset: str) -> int:
+    config = stored_config(dataset)
+    root = store_of(dataset, config.output.staging)
     everything = all_work(config)
     wanted, missing = Counter[str](), Counter[str]()
     for counts, work in ((wanted, everything), (missing, pending_work(root, everything))):

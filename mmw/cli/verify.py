@@ -11,6 +11,7 @@ from mmw.core.errors import InputError
 from mmw.storage.file_checks import verify
 from mmw.storage.finding import Finding
 from mmw.storage.store import Root, store_of
+from mmw.storage.sweep_index import dataset_roots
 
 MAX_LINES = 40
 """Findings that are printed."""
@@ -26,7 +27,7 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
         description="Check every file of a dataset against its hash, its rows against the configuration, and some "
         "frames against physics.",
     )
-    parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
+    parser.add_argument("dataset", help="dataset folder, that of a sweep, or s3://bucket/folder")
     parser.add_argument(
         "--rerender", type=int, default=0, metavar="K", help="generate K random rows again and compare them bit for bit"
     )
@@ -43,7 +44,25 @@ def main(argv: Sequence[str], prog: str = "mmw verify") -> int:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    root = store_of(arguments.dataset)
+    members = dataset_roots(arguments.dataset)
+    if not members:
+        return _verify_dataset(store_of(arguments.dataset), arguments)
+    codes = [_verify_member(name, folder, arguments) for name, folder in members.items()]
+    print(f"{codes.count(0)} of {len(codes)} datasets of the sweep are complete, unchanged and right")
+    return max(codes)
+
+
+def _verify_member(name: str, folder: str, arguments: argparse.Namespace) -> int:
+    """Verify a dataset of a sweep, and return 1 if it is missing or something is wrong."""
+    root = store_of(folder)
+    try:
+        return _verify_dataset(root, arguments)
+    except InputError as error:  # the others are verified all the same
+        print(f"mmw: {name}: {error}", file=sys.stderr)
+        return 1
+
+
+def _verify_dataset(root: Root, arguments: argparse.Namespace) -> int:
     findings = check(root, arguments.frames, arguments.workers)
     if arguments.rerender and not any(finding.is_error for finding in findings):
         from mmw.generation.verification.reproducibility import rerender

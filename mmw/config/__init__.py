@@ -13,11 +13,13 @@ from mmw.config.sampling import Sampling
 from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, SensorConfig
 from mmw.config.shipped import config_path
+from mmw.config.sweep import SweepConfig
+from mmw.config.vary import VaryConfig, VaryRsuConfig, VarySpawnConfig
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
     "AirConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError", "FramesConfig",
     "LensConfig", "MaterialChanges", "MaterialEntry", "MountConfig", "OutputConfig", "RsuConfig", "Sampling",
-    "ScenarioConfig",
-    "SensorConfig", "TrafficConfig", "config_path", "load_config",
+    "ScenarioConfig", "SensorConfig", "SweepConfig", "TrafficConfig", "VaryConfig", "VaryRsuConfig", "VarySpawnConfig",
+    "config_path", "load_config",
 ]  # fmt: skip

@@ -14,6 +14,7 @@ from mmw.config.model import Config
 from mmw.config.overrides import set_value
 from mmw.config.sensors import add_sensor_schemas
 from mmw.config.shipped import config_path
+from mmw.config.sweep_members import SweepMember, expand_sweep
 from mmw.config.yaml_file import ConfigError, read_yaml, reason_of, validated
 from mmw.config.yaml_loader import parse_yaml, short
 from mmw.core.errors import InputError
@@ -52,6 +53,37 @@ def load_config(
         (50, ('sunny', 'rainy'), 'town03_roundabout')
     """
     place = place_of(source)
+    return validated(Config, _changed_content(source, place, overrides, patch, base), place)
+
+
+def load_sweep(
+    source: Source,
+    overrides: Sequence[str] = (),
+    patch: Mapping[str, Any] | None = None,
+    *,
+    base: str | os.PathLike[str] | None = None,
+) -> tuple[SweepMember, ...]:
+    """Return the datasets of a configuration's `sweep`, each with its configuration; none without a sweep.
+
+    Arguments are those of `load_config`. Values of the sweep replace those of overrides.
+
+    Raises:
+        ConfigError: As `load_config`; of several wrong datasets the first is told.
+    """
+    place = place_of(source)
+    data = _changed_content(source, place, overrides, patch, base)
+    sweep = validated(Config, data, place).sweep
+    return () if sweep is None else expand_sweep(data, sweep, place)
+
+
+def _changed_content(
+    source: Source,
+    place: Path | str,
+    overrides: Sequence[str],
+    patch: Mapping[str, Any] | None,
+    base: str | os.PathLike[str] | None,
+) -> dict[str, Any]:
+    """Return the content of a configuration after overrides and options, see `load_config`."""
     data = _content(source, place, base_folder(source, base))
     if isinstance(overrides, str) or not all(isinstance(item, str) for item in overrides):
         raise ConfigError([f"overrides = {short(overrides)}: a list of texts is needed, such as ['frames.count=10']"])
@@ -72,7 +104,7 @@ def load_config(
     for key, value in (patch or {}).items():
         with _located(f"option for {key}"):
             set_value(data, key, file_content(value))
-    return validated(Config, data, place)
+    return data
 
 
 def place_of(source: Source) -> Path | str:

@@ -15,6 +15,8 @@ from mmw.config.sampling import Sampling
 from mmw.config.scenario import FramesConfig, ScenarioConfig
 from mmw.config.section import Name, Section
 from mmw.config.sensors import AnySensor, default_sensors
+from mmw.config.sweep import SweepConfig
+from mmw.config.vary import VaryConfig, draw_air
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 
@@ -24,15 +26,18 @@ class Config(Section):
 
     scenarios: tuple[ScenarioConfig, ...] = Field(description="worlds, traffic and agents (list)")
     weathers: tuple[Name, ...] = Field(default=("sunny",), description="weathers to make (list)")
+    frames: FramesConfig | None = Field(
+        default=None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
+    )
+    seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
+    vary: VaryConfig | None = Field(
+        default=None, description="what is drawn by `seed` besides models, drivers, routes and noise (section)"
+    )
     air: dict[Name, AirConfig] = Field(
         default_factory=dict,
         validate_default=True,
         description="weather -> its physical values; presets need no entry, other names do (map)",
     )
-    frames: FramesConfig | None = Field(
-        default=None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
-    )
-    seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
     sensors: tuple[AnySensor, ...] = Field(default_factory=default_sensors, description="the agents' sensors (list)")
     materials: dict[str, MaterialEntry] = Field(
         default_factory=dict,
@@ -42,6 +47,9 @@ class Config(Section):
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
     compute: ComputeConfig = Field(default_factory=ComputeConfig, description="device and batches (section)")
+    sweep: SweepConfig | None = Field(
+        default=None, description="several datasets that differ in some keys, one below `output.dir` each (section)"
+    )
 
     @field_validator("scenarios")
     @classmethod
@@ -57,7 +65,12 @@ class Config(Section):
     @classmethod
     def _known_weathers(cls, value: dict[str, AirConfig], info: ValidationInfo) -> dict[str, AirConfig]:
         weathers = info.data.get("weathers")  # absent if it is wrong itself, which is reported elsewhere
-        return value if weathers is None else resolve_air(value, weathers)
+        vary, seed = info.data.get("vary"), info.data.get("seed")
+        if weathers is None:
+            return value
+        if vary is not None and seed is not None:
+            value = draw_air(value, vary, weathers, seed)
+        return resolve_air(value, weathers)
 
     @model_validator(mode="after")
     def _unique(self) -> "Config":
@@ -88,6 +101,20 @@ class Config(Section):
                 one.check_frames(where, range(frames.start, frames.stop), self.frame_rate_of(scenario))
         return self
 
+    @model_validator(mode="after")
+    def _vary_fits(self) -> "Config":
+        for key, needed in (
+            ("spawn", "generated traffic: `town`, and engine idm or sumo"),
+            ("rsu", "`town` and `rsus`"),
+        ):
+            if self.vary is None or getattr(self.vary, key) is None:
+                continue
+            for scenario in self.scenarios:
+                engine = scenario.traffic.engine if scenario.traffic else None
+                if engine is None or (key == "spawn" and engine == "replay") or (key == "rsu" and not scenario.rsus):
+                    raise InputError(f"vary.{key} needs {needed}; scenario {scenario.name!r} has none; remove one")
+        return self
+
     def scenario(self, name: str) -> ScenarioConfig:
         """Return a scenario by its name, the first one for an empty name.
 
@@ -98,6 +125,21 @@ class Config(Section):
         if name and name not in found:
             raise InputError(f"scenario = {name}: there are {', '.join(found)}; name one of them")
         return found[name] if name else self.scenarios[0]
+
+    def check_single(self, use: str) -> None:
+        """Check that this is the configuration of one dataset.
+
+        Args:
+            use: What needs one, for the message.
+
+        Raises:
+            InputError: If it has a sweep.
+        """
+        if self.sweep is not None:
+            raise InputError(
+                f"sweep: makes {self.sweep.count} datasets, and {use} needs one; remove the section, or give the "
+                "config.yaml of one of its datasets"
+            )
 
     def frames_of(self, scenario: ScenarioConfig) -> FramesConfig:
         """Return the frames of a scenario."""
@@ -126,9 +168,11 @@ class Config(Section):
         """Return what decides the bytes of the data: everything but where they go, their
         license, and `compute`."""
         data = self.model_dump(mode="json")
-        del data["compute"]
+        del data["compute"], data["sweep"]
         for key in ("dir", "staging", "license", "notices"):
             del data["output"][key]
+        if self.vary is None:
+            del data["vary"]  # as before there was such a key
         return data
 
     def sha256(self) -> str:

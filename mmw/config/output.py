@@ -37,3 +37,9 @@ class OutputConfig(Section):
             return license_name(value)
         except ValueError as error:
             raise InputError(str(error)) from None
+
+
+def folder_below(root: str, name: str) -> str:
+    """Return the folder of a dataset below that of its sweep; options of a URL stay at the end."""
+    path, mark, options = root.partition("?") if "://" in root else (root, "", "")
+    return f"{path.rstrip('/')}/{name}{mark}{options}"

@@ -8,6 +8,7 @@ from pydantic_core import PydanticUndefined
 
 from mmw.config.file_content import file_content
 from mmw.config.model import Config
+from mmw.config.scenario import ScenarioConfig
 from mmw.config.validation_errors import models_in, tag_of
 from mmw.config.yaml_loader import MAX_DEPTH, short
 from mmw.core.errors import InputError
@@ -31,6 +32,8 @@ def set_value(data: dict[str, Any], key: str, value: Any) -> None:
         raise InputError(f"the key has {len(parts)} parts; at most {MAX_DEPTH} are read; shorten it")
     if not all(parts):
         raise InputError("a part of the key is empty; write it as section.key=value, for example frames.count=10")
+    if parts[0] not in Config.model_fields and parts[0] in ScenarioConfig.model_fields:
+        raise InputError(f"{parts[0]!r} is a key of scenarios; write scenarios.{EVERY}.{key} for all, or a name for *")
     _set(data, parts, 0, [Config], value)
 
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
-from urllib.parse import unquote
 
 import numpy as np
 import pyarrow as pa
@@ -17,14 +16,14 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.column_arrays import arrays_of
-from mmw.dataset.files import damage_of, has_files, list_files, list_folders, list_markers
+from mmw.dataset.files import Parts, damage_of, framed_parts, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
 from mmw.dataset.table_reader import check_columns, row_filter
 from mmw.storage.manifest import DATASET, frame_rates, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem, version_number
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
-from mmw.storage.shard_writer import MARKERS, TABLE_FILE
+from mmw.storage.shard_writer import MARKERS
 from mmw.storage.table_spec import TableSpec
 
 if TYPE_CHECKING:
@@ -72,6 +71,11 @@ class Dataset:
     def frame_rate_hz(self, scenario: str) -> int:
         """Return the frames a second of a scenario: frame n is n / rate after its start [Hz]."""
         return frame_rates(self.info).get(scenario, FRAME_RATE_HZ)  # older datasets have 100 Hz
+
+    @property
+    def sweep(self) -> dict[str, Any]:
+        """Keys of the sweep that made the dataset, by their dotted paths, and their values; empty without a sweep."""
+        return self.info.get("sweep", {}).get("values", {})
 
     @cached_property
     def tables(self) -> tuple[str, ...]:
@@ -333,28 +337,6 @@ class Dataset:
         except InputError as found:
             return found
         return damage_of(self.root, self.spec(table), self.filesystem, paths, error)
-
-
-Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
-"""Scenario and weather -> first frame and file of each shard, by frame."""
-
-
-def framed_parts(table: pds.FileSystemDataset) -> Parts:
-    """Return the files of a framed table by the folders and the number that their names hold.
-
-    Raises:
-        InputError: If a file has another name.
-    """
-    found: Parts = {}
-    for fragment in table.get_fragments():
-        named = TABLE_FILE.search(fragment.path)
-        if named is None or named["weather"] is None:
-            raise InputError(f"{fragment.path}: no file of a dataset has this name; move it away")
-        place = unquote(named["scenario"]), unquote(named["weather"])
-        found.setdefault(place, []).append((int(named["number"]), fragment))
-    for some in found.values():
-        some.sort(key=lambda item: item[0])
-    return found
 
 
 def open_dataset(root: str | Path, filesystem: Any = None) -> Dataset:

@@ -5,8 +5,10 @@ import re
 import stat
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePath
+from urllib.parse import unquote
 
 import pyarrow as pa
+import pyarrow.dataset as pds
 import pyarrow.fs as pafs
 import pyarrow.parquet as pq
 
@@ -142,3 +144,25 @@ def damage_of(
                 text = f"{path}: cannot be read ({one_line(reason)}); it is damaged"
                 return InputError(f"{text}; `mmw verify {root}` lists all that is")
     return InputError(f"{root}: table {spec.name!r}: {one_line(error)}; check the columns and files that are read")
+
+
+Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
+"""Scenario and weather -> first frame and file of each shard, by frame."""
+
+
+def framed_parts(table: pds.FileSystemDataset) -> Parts:
+    """Return the files of a framed table by the folders and the number that their names hold.
+
+    Raises:
+        InputError: If a file has another name.
+    """
+    found: Parts = {}
+    for fragment in table.get_fragments():
+        named = TABLE_FILE.search(fragment.path)
+        if named is None or named["weather"] is None:
+            raise InputError(f"{fragment.path}: no file of a dataset has this name; move it away")
+        place = unquote(named["scenario"]), unquote(named["weather"])
+        found.setdefault(place, []).append((int(named["number"]), fragment))
+    for some in found.values():
+        some.sort(key=lambda item: item[0])
+    return found

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,18 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     return {"cav": cavs, "rsu": len(scenario.rsus), "vehicles": traffic.vehicle_count, "boxes": boxes}
 
 
+@dataclass(frozen=True)
+class PlanEstimate:
+    """Estimate of the work and the data of a configuration."""
+
+    rays: float
+    """Rays of all frames, traced once for all weathers."""
+    bytes: float
+    """Bytes of all tables."""
+    lines: tuple[str, ...]
+    """A line for each scenario."""
+
+
 def describe_plan(config: Config, base: Path, device: str, samples: Sequence[SampledScenario] = ()) -> str:
     """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
 
@@ -121,10 +134,34 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     Raises:
         InputError: If a stage of the user's own cannot be read.
     """
+    plan = estimate_plan(config, base)
     lines = [
         f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s), "
-        f"{config.frame_total} frames in all on {device}"
+        f"{config.frame_total} frames in all on {device}",
+        *plan.lines,
     ]
+    if config.channel.enabled and config.channel.candidates == "exhaustive":
+        lines.append("  channel: no rays; every surface is tried for every link")
+    size = plan.bytes
+    if samples:
+        size = sum(total(sample.bytes) for sample in samples)
+        lines += [f"tables, from {len(SAMPLE_PLACES)} or more traced frames of each scenario:", *table_lines(samples)]
+        lines += [f"note: {line}" for line in dict.fromkeys(line for sample in samples for line in sample.notes)]
+    else:
+        lines.append("no frame was traced: bytes are those of the paper's scenarios, and notes are left out")
+    lines.append(
+        f"total: {si(plan.rays)}rays traced once for all weathers, tables of about {si(size)}B in {config.output.dir}"
+    )
+    return "\n".join(lines)
+
+
+def estimate_plan(config: Config, base: Path) -> PlanEstimate:
+    """Return about how many rays and bytes the scenarios of a configuration would take.
+
+    Raises:
+        InputError: If a stage of the user's own cannot be read.
+    """
+    lines: list[str] = []
     total_rays = total_bytes = 0.0
     framed_tables = sum(table.framed for table in TABLES.values())
     for scenario in config.scenarios:
@@ -140,19 +177,7 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
             f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU "
             f"among {counts['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
         )
-    if config.channel.enabled and config.channel.candidates == "exhaustive":
-        lines.append("  channel: no rays; every surface is tried for every link")
-    if samples:
-        total_bytes = sum(total(sample.bytes) for sample in samples)
-        lines += [f"tables, from {len(SAMPLE_PLACES)} or more traced frames of each scenario:", *table_lines(samples)]
-        lines += [f"note: {line}" for line in dict.fromkeys(line for sample in samples for line in sample.notes)]
-    else:
-        lines.append("no frame was traced: bytes are those of the paper's scenarios, and notes are left out")
-    lines.append(
-        f"total: {si(total_rays)}rays traced once for all weathers, tables of about {si(total_bytes)}B "
-        f"in {config.output.dir}"
-    )
-    return "\n".join(lines)
+    return PlanEstimate(total_rays, total_bytes, tuple(lines))
 
 
 def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConfig) -> tuple[dict[str, int], float]:

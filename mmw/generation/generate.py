@@ -1,7 +1,8 @@
 """Generate a dataset: divide missing frames into work, run it on an executor, write the manifest."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Any
 
 from mmw.config import Config
 from mmw.core.device import writer_threads
@@ -12,6 +13,7 @@ from mmw.generation.executors.process_pool import MIN_FRAMES_PER_WORKER
 from mmw.generation.progress import Console, closing_summary
 from mmw.generation.provenance import versions, write_config, write_license
 from mmw.generation.shards import Partition, all_work, part_of, pending_work, planned_keys
+from mmw.generation.shared_stages import SharedStages
 from mmw.generation.worker import GenerationContext
 from mmw.scene.input_files import hash_inputs
 from mmw.storage.foreign_files import check_foreign_files
@@ -29,11 +31,14 @@ def generate_dataset(
     overwrite: bool,
     console: Console,
     accepted: Collection[str] = (),
+    sweep: Mapping[str, Any] | None = None,
+    stages: SharedStages | None = None,
 ) -> None:
     """Generate the missing frames of a dataset, or of a part of it; the run that completes it writes the manifest.
 
     Relative paths in the configuration start from `base`. `overwrite` replaces a dataset of another configuration.
     `accepted` names what may differ from the shards that are there, see `mmw.generation.continuation`.
+    Of a sweep, `sweep` is what `dataset.json` says about it, and `stages` has the stages of its other datasets.
 
     Raises:
         InputError: If the folder belongs to another configuration or other input files, has shards of other software
@@ -53,7 +58,7 @@ def generate_dataset(
         rates = {scenario.name: config.frame_rate_of(scenario) for scenario in config.scenarios}
         with exclusive_lock(root.staging, "begin"):  # of several parts, one begins the dataset
             anew = overwrite or (part.count == 1 and is_outdated(root, sha256, inputs, now))
-            prepare_root(root, config.identity(), sha256, now, anew, inputs, rates)
+            prepare_root(root, config.identity(), sha256, now, anew, inputs, rates, sweep)
         write_config(config, base, root)
         write_license(config, base, root)
         everything = all_work(config)
@@ -87,6 +92,8 @@ def generate_dataset(
         if console.done:
             rest = "making the rest" if console.done < total else "nothing to make"
             console.say(f"{root}: {console.done} of {total} frames are there already; {rest}")
+        if stages is not None:
+            stages.share(config, root)
         executor.run(context, work, workers, console)
         root.check_present()
         root.remove_staging()
@@ -100,7 +107,9 @@ def generate_dataset(
         with console.timer.stage("manifest"):
             result = finalize(root, plan)
         remove_leftovers(root, part.index, part.count)
-        console.summary(closing_summary(root, config, executor.device_name, workers, result, console.timer, frames))
+        if sweep is None or work:  # of the finished ones of a sweep a line is enough
+            text = closing_summary(root, config, executor.device_name, workers, result, console.timer, frames)
+            console.summary(text)
 
 
 def output_of(config: Config, part: Partition) -> Store:

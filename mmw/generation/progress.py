@@ -74,6 +74,9 @@ class Console:
         self.total, self.done, self.workers = total, done, workers
         self.timer = StageTimer()
         self._fresh = 0
+        if self._progress:  # of the dataset before, a part of which was made
+            self._progress.stop()
+            self._progress = None
         if self._rich.is_terminal and not self._is_quiet:
             speed = TextColumn("{task.fields[speed]}", table_column=Column(no_wrap=True))
             self._progress = make_bar(self._rich, speed)

@@ -15,7 +15,8 @@ from mmw.core.licenses import license_file
 from mmw.generation.software import own_software, software_of
 from mmw.scene.input_files import hash_shipped_towns
 from mmw.scene.sources import scenario_source, source_notices
-from mmw.storage.manifest import CONFIG, LICENSE, NOTICE, read_dataset
+from mmw.storage.dataset_card import CONFIG, LICENSE, NOTICE
+from mmw.storage.manifest import read_dataset
 from mmw.storage.store import Root, store_of
 
 

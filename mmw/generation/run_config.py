@@ -1,21 +1,20 @@
 """Generate the dataset of a configuration: the work of `mmw.generate` and of `mmw run`."""
 
+import itertools
 import multiprocessing
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Any, Literal
 
 from mmw.config import Config, ConfigError
-from mmw.config.load import Source, base_folder, in_config, load_config, place_of
+from mmw.config.load import Source, base_folder, in_config, load_config, load_sweep, place_of
 from mmw.config.sensor_spec import SENSORS
 from mmw.config.traffic_engine import ENGINES
 from mmw.core.errors import InputError
 from mmw.core.registry import REGISTERED
 from mmw.generation.executors.process_pool import may_use_processes, start_server
-
-if TYPE_CHECKING:
-    from mmw.dataset import Dataset
 
 
 def generate(
@@ -29,8 +28,8 @@ def generate(
     overwrite: bool = False,
     accept: Collection[str] = (),
     progress: bool = True,
-) -> "Dataset":
-    """Generate the missing frames of a dataset and open it, as `mmw run` does.
+) -> Any:
+    """Generate the missing frames of a dataset and open it, as `mmw run` does; of a sweep, of all its datasets.
 
     The same call resumes what an earlier one, or a killed one, has left. Worker processes do not run the caller's
     script, which needs no guard for them. Messages name options of the command: `--out` is `out` here.
@@ -49,6 +48,9 @@ def generate(
         progress: Show the progress on standard error, and a summary on standard output. Without, mmw prints nothing;
             its logger `mmw` has it all.
 
+    Returns:
+        The `mmw.Dataset`; with a `sweep`, a map of the names of its datasets to them.
+
     Raises:
         ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
         InputError: If the folder has data of another configuration, or is being written or cannot be.
@@ -64,10 +66,19 @@ def generate(
     options = {"output.dir": out, "compute.device": device, "compute.workers": workers}
     given = {key: value for key, value in options.items() if value is not None}
     found = load_config(config, overrides, given, base=base)
-    where = base_folder(config, base)
-    run_config(found, where, place_of(config), overwrite=overwrite, accept=accept, is_quiet=not progress)
+    where, place = base_folder(config, base), place_of(config)
+    how = {"overwrite": overwrite, "accept": accept, "is_quiet": not progress}
+    members = load_sweep(config, overrides, given, base=base)
+    if members:
+        from mmw.generation.sweep import run_sweep
+
+        run_sweep(members, found.output.dir, where, place, **how)
+    else:
+        run_config(found, where, place, **how)
     from mmw.dataset import open_dataset
 
+    if members:
+        return {member.name: open_dataset(member.config.output.dir) for member in members}
     return open_dataset(found.output.dir)
 
 
@@ -97,8 +108,40 @@ def run_config(
         Error: If the disk or the memory is full, workers die, or a store cannot be reached.
     """
     with in_config(place):
-        config, note = _with_fitting_workers(config)
-    if may_use_processes(config.compute, config.frame_total):
+        config.check_single("a run of one")
+    run_datasets([(config, None)], base, place, overwrite=overwrite, shard=shard, accept=accept, is_quiet=is_quiet)
+
+
+def run_datasets(
+    datasets: Sequence[tuple[Config, Mapping[str, Any] | None]],
+    base: Path,
+    place: Path | str,
+    *,
+    begin: Callable[[], None] | None = None,
+    overwrite: bool = False,
+    shard: str = "0/1",
+    accept: Collection[str] = (),
+    is_quiet: bool = False,
+) -> None:
+    """Generate several datasets, or a part of each, one after the other; all inputs are checked first.
+
+    Args:
+        datasets: Configuration of each, and what `dataset.json` says about its place in a sweep.
+        base: Folder that relative paths of input files start from.
+        place: File of the configurations, or words for one that is no file, as messages begin.
+        begin: Called once all inputs have been checked.
+        overwrite: See `run_config`, as the others.
+        shard: Part of each dataset, `i/N`.
+        accept: Keys of `mmw.generation.continuation.ACCEPTABLE`.
+        is_quiet: Print nothing.
+
+    Raises:
+        InputError: If a configuration or a file that it names cannot be used.
+        Error: If the disk or the memory is full, workers die, or a store cannot be reached.
+    """
+    with in_config(place):
+        fitting = [(*_with_fitting_workers(config), sweep) for config, sweep in datasets]
+    if any(may_use_processes(config.compute, config.frame_total) for config, _, _ in fitting):
         start_server()
     from mmw.generation.continuation import ACCEPTABLE
     from mmw.generation.estimate import check_inputs
@@ -106,25 +149,37 @@ def run_config(
     from mmw.generation.generate import generate_dataset, output_of
     from mmw.generation.progress import Console
     from mmw.generation.shards import Partition
+    from mmw.generation.shared_stages import SharedStages
 
     if isinstance(accept, str) or not set(accept) <= set(ACCEPTABLE):
         raise InputError(f"accept = {accept!r}: give a list of some of {', '.join(map(repr, ACCEPTABLE))}")
     with in_config(place):
         part = Partition.parse(shard)
-        output_of(config, part)  # refuses an invalid address
-        check_inputs(config, base)
-        with Console(is_quiet=is_quiet) as console, open_executor(config.compute, console) as executor:
-            if note:
-                console.warn_once(note)
-            generate_dataset(
-                config,
-                base=base,
-                executor=executor,
-                part=part,
-                overwrite=overwrite,
-                console=console,
-                accepted=frozenset(accept),
-            )
+        for config, _, _ in fitting:
+            output_of(config, part)  # refuses an invalid address
+            check_inputs(config, base)
+        if begin is not None:
+            begin()
+        stages = SharedStages() if len(fitting) > 1 else None
+        for _, group in itertools.groupby(fitting, lambda item: item[0].compute):
+            with ExitStack() as stack:
+                console = stack.enter_context(Console(is_quiet=is_quiet))
+                executor = None
+                for config, note, sweep in group:
+                    executor = executor or stack.enter_context(open_executor(config.compute, console))
+                    if note:
+                        console.warn_once(note)
+                    generate_dataset(
+                        config,
+                        base=base,
+                        executor=executor,
+                        part=part,
+                        overwrite=overwrite,
+                        console=console,
+                        accepted=frozenset(accept),
+                        sweep=sweep,
+                        stages=stages,
+                    )
 
 
 MAX_SAMPLED = 4

@@ -88,6 +88,7 @@ class Simulation:
             OutOfSpaceError: If the disk of temporary files is full.
         """
         found = load_config(config, base=base)
+        found.check_single("a simulation")
         self.config = found
         """The configuration, validated."""
         chosen = found.scenario(scenario or "")

@@ -97,6 +97,7 @@ def load_scene(
         raise InputError(f"load_scene: {wrong[0]} = {given[wrong[0]]!r}: does not go with {source!r}; leave it out")
     if is_config:
         config = source if isinstance(source, Config) else load_config(source)
+        config.check_single("a scene")
         base = Path(base) if isinstance(source, Config) else Path(source).parent
         return _from_config(config, base, scenario or "", frame, weather, materials, device)
     rate = check_frame_rate(FRAME_RATE_HZ if rate_hz is None else rate_hz)

@@ -12,6 +12,7 @@ from mmw.core.hashing import sha256
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.reader import read_stage
+from mmw.scene.rsu_places import draw_rsu_poses
 from mmw.scene.scene_data import SceneData
 from mmw.scene.sources import scenario_source, weather_variants
 from mmw.scene.stage.asset_copies import asset_digests
@@ -87,6 +88,8 @@ def prepare_scenario(
     names = config.variants[config.weathers[0]]
     catalog = load_catalog()
     tracks = make_tracks(config, scenario, source, catalog, base)
+    if config.vary is not None and config.vary.rsu is not None:
+        rsus = draw_rsu_poses(config, scenario, source)
     path.parent.mkdir(parents=True, exist_ok=True)
     compose_scenario(
         path,
@@ -151,7 +154,9 @@ def make_tracks(
         raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
     try:
         frame_count, rate_hz = config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario)
-        demand = TrafficDemand(town, traffic, catalog, base_frames(frame_count, rate_hz), config.seed, base)
+        spawn = config.vary.spawn if config.vary else None
+        count = base_frames(frame_count, rate_hz)
+        demand = TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn)
         return sample_tracks(simulate_traffic(demand).tracks, frame_count, rate_hz)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error

@@ -13,14 +13,16 @@ import pyarrow.parquet as pq
 
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import FRAME_RATES
-from mmw.core.licenses import OWN, license_of
+from mmw.core.licenses import license_of
 from mmw.core.temp_files import is_temporary
 from mmw.storage.atomic_files import StoreError
+from mmw.storage.dataset_card import CARD, CONFIG, LICENSE, NOTICE, dataset_card
 from mmw.storage.foreign_files import check_foreign_files
 from mmw.storage.identity import changed_inputs, check_same, inputs_sha256, is_hashes, is_of
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES
 from mmw.storage.shard_writer import MARKERS, META_KEYS, SHARD_DOTS, ShardKey, key_of, marker_path
 from mmw.storage.store import DATASET, LOCKS, MANIFEST, Root, Store, store_of
+from mmw.storage.sweep_index import dataset_roots
 
 HEAD_TYPES = {"schema_version": str, "config_sha256": str, "versions": dict, "config": dict}
 """Required content of `dataset.json`."""
@@ -35,11 +37,6 @@ MAX_NUMBER, MAX_FRAME = 2**63, 2**31 - 1
 """Limits of whole numbers in a manifest."""
 _META_TYPES = {"seconds": int | float, "frame_rate_hz": int}
 """Metadata of a marker that is no text."""
-CARD = "README.md"
-LICENSE, NOTICE = "LICENSE", "NOTICE"
-"""License of the data, and what has to be named with them; written by `mmw.generation.provenance`."""
-CONFIG = "config.yaml"
-"""The resolved configuration, a valid argument of `--config`; written by `mmw.generation.provenance`."""
 
 _NUMBERS = {
     "frame_begin": pa.int32(), "frame_end": pa.int32(), "rows": pa.int64(), "bytes": pa.int64(),
@@ -65,6 +62,7 @@ def prepare_root(
     overwrite: bool,
     inputs: Mapping[str, Mapping[str, str]] | None = None,
     frame_rates_hz: Mapping[str, int] | None = None,
+    sweep: Mapping[str, Any] | None = None,
 ) -> None:
     """Start a dataset, or resume an unfinished one of the same configuration and input files.
 
@@ -79,6 +77,7 @@ def prepare_root(
         overwrite: Whether data of another configuration is removed.
         inputs: Hashes of the input files, see `mmw.scene.input_files`; not compared if absent here or in the dataset.
         frame_rates_hz: Scenario -> frames a second, for readers.
+        sweep: What a sweep says about this one of its datasets: `name`, `values`, `columns`.
 
     Raises:
         InputError: If the store has data of another configuration, of other input files or of another schema version,
@@ -111,6 +110,7 @@ def prepare_root(
         "created_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         **({} if frame_rates_hz is None else {"frame_rates_hz": dict(frame_rates_hz)}),
         "config": dict(config_identity),
+        **({} if sweep is None else {"sweep": dict(sweep)}),
     }
     _start_writing(store, json.dumps(content, indent=1).encode())
 
@@ -129,7 +129,13 @@ def read_dataset(root: Root) -> dict[str, Any]:
         InputError: If there is no dataset, or the file is damaged or another program's.
     """
     store = store_of(root)
-    return parse_dataset(_read_head(store), store.location())
+    head = _read_head(store)
+    if head is None and (datasets := dataset_roots(store)):
+        raise InputError(
+            f"{store.location()}: is a sweep of {len(datasets)} datasets; give the folder of one, such as "
+            f"{next(iter(datasets.values()))}"
+        )
+    return parse_dataset(head, store.location())
 
 
 def _read_head(store: Store) -> bytes | None:
@@ -288,59 +294,9 @@ def read_license(root: Root) -> str:
     return "" if data is None else license_of(data.decode("utf-8", "replace"))
 
 
-def hub_license(identifier: str) -> str:
-    """Return a license as the metadata of a card names it on the Hugging Face Hub."""
-    return "other" if identifier == OWN else identifier.lower()
-
-
 def notes_of(markers: Iterable[Mapping[str, Any]]) -> dict[str, list[str]]:
     """Return the notes that a run wrote down, by scenario; see `write_scenario`."""
     return {marker["scenario"]: [str(line) for line in marker["notes"]] for marker in markers if marker.get("notes")}
-
-
-def dataset_card(
-    head: Mapping[str, Any],
-    tables: Mapping[str, Mapping[str, int]],
-    license_id: str = "",
-    notes: Mapping[str, Iterable[str]] | None = None,
-) -> str:
-    """Return the text of the dataset card: one Hugging Face configuration per table, and a list of the tables.
-
-    Args:
-        head: Content of `dataset.json`.
-        tables: Table -> files, rows and bytes.
-        license_id: SPDX identifier of the license.
-        notes: Scenario -> what users should know of it.
-    """
-    licensed = f"license: {hub_license(license_id)}\n" if license_id else ""
-    said = f"License: {license_id}, see `{LICENSE}` and `{NOTICE}`.\n\n" if license_id else ""
-    listed = "".join(f"- {name}: {line}\n" for name, lines in (notes or {}).items() for line in lines)
-    listed = f"## Notes\n\n{listed}\n" if listed else ""
-    configs = "".join(f"- config_name: {name}\n  data_files: {name}/**/*.parquet\n" for name in tables)
-    rows = "".join(
-        f"| {name} | {TABLES[name].doc if name in TABLES else ''} | {t['rows']:,} | {t['bytes'] / 1e6:,.1f} |\n"
-        for name, t in tables.items()
-    )
-    version, sha256 = f"mmw {head['versions'].get('mmw', '')}".rstrip(), head["config_sha256"][:12]
-    return f"""---
-{licensed}configs:
-{configs}---
-
-# Multimodal wireless dataset
-
-Made with {version}, schema {head["schema_version"]}, configuration `{sha256}` (the whole of it is in `{DATASET}`; `{CONFIG}` makes it again).
-
-| table | one row is | rows | MB |
-|---|---|---:|---:|
-{rows}
-{said}{listed}Every column has its unit and meaning in the files' `mmw.columns` key. Read with any Parquet reader, or:
-
-```python
-import mmw
-
-mmw.connect(".").sql("SELECT * FROM {next(iter(tables), "frames")} LIMIT 5")
-```
-"""  # noqa: E501
 
 
 def _markers(store: Store, names: Iterable[str], *, skip_unreadable: bool = False) -> dict[str, dict[str, Any]]:

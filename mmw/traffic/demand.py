@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mmw.config import TrafficConfig
+from mmw.config import TrafficConfig, VarySpawnConfig
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.roads.town_asset import Town
 from mmw.traffic.vehicle_pose import Shape, make_shape
@@ -46,6 +46,8 @@ class TrafficDemand:
     """Folder that relative paths of `traffic` start from."""
     device: str = "cpu"
     """Warp device of the wheel drops."""
+    spawn: VarySpawnConfig | None = None
+    """How start positions are drawn by seed; None takes those nearest to `spawn_center_m`."""
 
     @cached_property
     def shapes(self) -> list[Shape]:

@@ -112,11 +112,38 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
     return [points[index] for index in chosen]
 
 
-def connected_ranks(traffic: TrafficConfig, seed: int) -> tuple[int, ...]:
-    """Return which vehicles are CAVs: their ranks by distance to the spawn center, `cav_1` first."""
-    if traffic.cav_pool is None:
+def drawn_points(points: Sequence[SpawnPoint], demand: TrafficDemand, radius: float) -> list[SpawnPoint]:
+    """Return points drawn by seed from those within a 3-D distance of the spawn center, nearest first.
+
+    Raises:
+        InputError: If there are fewer places than vehicles.
+    """
+    traffic, count = demand.traffic, demand.traffic.vehicle_count
+    position = np.array([point.position for point in points]).reshape(-1, 3)
+    distance = np.linalg.norm(position - np.asarray(traffic.spawn_center_m, np.float64), axis=1)
+    chosen: list[int] = []
+    for index in seeded(demand.seed, 0, 4).permutation(np.flatnonzero(distance <= radius)):
+        if len(chosen) == count:
+            break
+        if not (np.linalg.norm(position[chosen] - position[index], axis=1) < SAME_PLACE).any():
+            chosen.append(int(index))
+    if len(chosen) < count:
+        raise InputError(
+            f"vehicle_count = {count}: there are {len(chosen)} spawn points within vary.spawn.radius_m = {radius:g} of "
+            "`spawn_center_m`; give fewer vehicles, or a larger radius"
+        )
+    return [points[index] for index in sorted(chosen, key=lambda index: (distance[index], index))]
+
+
+def connected_ranks(traffic: TrafficConfig, seed: int, *, is_drawn: bool = False) -> tuple[int, ...]:
+    """Return which vehicles are CAVs: their ranks by distance to the spawn center, `cav_1` first.
+
+    They are those of `cav_ranks`, or as many drawn by seed, from `cav_pool` or, if `is_drawn`, from all.
+    """
+    pool = traffic.cav_pool or (traffic.vehicle_count if is_drawn else None)
+    if pool is None:
         return traffic.cav_ranks
-    drawn = seeded(seed, 0, 3).choice(traffic.cav_pool, len(traffic.cav_ranks), replace=False)
+    drawn = seeded(seed, 0, 3).choice(pool, len(traffic.cav_ranks), replace=False)
     return tuple(sorted(drawn.tolist()))
 
 
@@ -155,8 +182,12 @@ def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
         InputError: If the town has too few places.
     """
     traffic, starts = demand.traffic, []
-    cav_ranks = connected_ranks(traffic, demand.seed)
-    points = nearest_points(spawn_points(demand.town.lanes, usable), traffic.spawn_center_m, traffic.vehicle_count)
+    cav_ranks = connected_ranks(traffic, demand.seed, is_drawn=demand.spawn is not None)
+    points = spawn_points(demand.town.lanes, usable)
+    if demand.spawn is None:
+        points = nearest_points(points, traffic.spawn_center_m, traffic.vehicle_count)
+    else:
+        points = drawn_points(points, demand, demand.spawn.radius_m)
     for rank, point in enumerate(points):
         generator = seeded(demand.seed, rank, 0)
         factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)

@@ -22,7 +22,9 @@ NOT_RUN = {
     "getting-started/install.md": 2,
     "getting-started/tour.md": 2,
     "getting-started/gallery.md": 2,
+    "getting-started/paper.md": 0,
     "guides/configure.md": 0,
+    "guides/sweeps.md": 0,
     "guides/scene.md": 0,
     "guides/python-generate.md": 0,
     "guides/query.md": 1,
@@ -55,7 +57,13 @@ def test_only_the_blocks_that_say_so_are_not_run(page: str) -> None:
 def test_install_and_configure(clone: Path) -> None:
     run_page(DOCS / "getting-started" / "install.md", clone, {QUICKSTART: lambda: link_dataset(clone)})
     run_page(DOCS / "guides" / "configure.md", clone)
+    run_page(DOCS / "getting-started" / "paper.md", clone)
     assert "scenarios:" in (clone / "mine.yaml").read_text()
+
+
+@pytest.mark.slow
+def test_sweeps(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "sweeps.md", tmp_path)
 
 
 @pytest.mark.slow

@@ -211,7 +211,7 @@ def test_simulation_and_loaded_scenes_have_the_rate(folder: Path) -> None:
     with mmw.load_scene(config, base=folder, device="cpu") as scene:
         assert scene.rate_hz == 1000 and scene.actors["Ego"].velocity == pytest.approx([10.0, 0.0, 0.0])
     scene = mmw.load_scene(
-        folder / "mine.usda", rate_hz=500, material_map={"/World/*": "itu_concrete"},
+        folder / "mine.usda", rate_hz=500, materials={"/World/*": "itu_concrete"},
         actor_roles={"/World/Ego": "cav"}, device="cpu",
     )  # fmt: skip
     assert scene.frames == range(46) and scene.actors["Ego"].velocity == pytest.approx([10.0, 0.0, 0.0])

@@ -26,8 +26,8 @@ from mmw.dataset import Dataset, open_dataset
 from mmw.dataset.export.registry import load_format
 from mmw.dataset.filesystem import read_text
 from mmw.storage.atomic_files import write_bytes_atomically
+from mmw.storage.dataset_card import LICENSE, NOTICE
 from mmw.storage.finding import one_line
-from mmw.storage.manifest import LICENSE, NOTICE
 from mmw.storage.store import DATASET
 
 STATE = "_export.json"

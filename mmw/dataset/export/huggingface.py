@@ -35,8 +35,9 @@ from mmw.dataset.export.exporter import STATE, Format, Option, Options, Part, Se
 from mmw.dataset.filesystem import read_text
 from mmw.storage.arrow_tables import frame_rows
 from mmw.storage.atomic_files import write_bytes_atomically
+from mmw.storage.dataset_card import CARD, CONFIG, LICENSE, hub_license
 from mmw.storage.finding import one_line
-from mmw.storage.manifest import CARD, CONFIG, DATASET, LICENSE, hub_license, read_markers
+from mmw.storage.manifest import DATASET, read_markers
 from mmw.storage.parquet_schema import write_options
 from mmw.storage.schemas import column_text
 from mmw.storage.table_spec import IMAGE, TableSpec

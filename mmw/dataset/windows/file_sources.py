@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from mmw.core.errors import InputError
-from mmw.dataset.dataset import framed_parts
+from mmw.dataset.files import framed_parts
 from mmw.dataset.windows.memory_sources import (
     by_sensor,
     in_order,

@@ -12,9 +12,10 @@ from mmw.core.licenses import SPDX_TAG
 from mmw.generation.provenance import stored_config
 from mmw.generation.shards import shard_keys
 from mmw.generation.verification.stage_files import check_stages
+from mmw.storage.dataset_card import CARD, CONFIG, LICENSE, NOTICE
 from mmw.storage.finding import Finding, one_line
 from mmw.storage.identity import config_differences
-from mmw.storage.manifest import CARD, CONFIG, DATASET, LICENSE, MANIFEST, NOTICE, read_dataset, read_license
+from mmw.storage.manifest import DATASET, MANIFEST, read_dataset, read_license
 from mmw.storage.shard_writer import MARKERS, marker_path
 from mmw.storage.store import Store
 

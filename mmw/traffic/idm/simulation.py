@@ -49,7 +49,7 @@ def simulate_idm(demand: TrafficDemand) -> TrafficResult:
     smooth = _resample(station, speed)
     per_step = round(STEP * FRAME_RATE_HZ)
     frames = slice(lead * per_step, lead * per_step + demand.frame_count)
-    cav_ranks = connected_ranks(demand.traffic, demand.seed)
+    cav_ranks = connected_ranks(demand.traffic, demand.seed, is_drawn=demand.spawn is not None)
     tracks, names = [], {}
     for position, rank in enumerate(vehicle_order(cav_ranks, len(engine.cars))):
         car = engine.cars[rank]

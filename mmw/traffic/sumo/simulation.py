@@ -80,7 +80,7 @@ def simulate_sumo(demand: TrafficDemand) -> TrafficResult:
         }
         states = _run(place, job)
     first = SETTLE_S + traffic.warmup_s
-    cav_ranks = connected_ranks(traffic, demand.seed)
+    cav_ranks = connected_ranks(traffic, demand.seed, is_drawn=demand.spawn is not None)
     try:
         moves = [
             _trajectory(str(rank), states[:, rank], first, vehicle.shape.name) for rank, vehicle in enumerate(vehicles)

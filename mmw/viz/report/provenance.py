@@ -3,7 +3,7 @@
 from typing import Any
 
 from mmw.config import Config
-from mmw.storage.manifest import CONFIG
+from mmw.storage.dataset_card import CONFIG
 from mmw.viz.report.html import count, details, plural, table, text
 from mmw.viz.report.inventory import Inventory
 

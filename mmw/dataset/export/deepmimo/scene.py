@@ -23,7 +23,7 @@ from mmw.dataset.export.exporter import Part
 from mmw.dataset.export.read_sensors import Block, box_corners, box_pose, by_frame
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.storage.manifest import CONFIG
+from mmw.storage.dataset_card import CONFIG
 
 GROUND = ("road", "road_line", "sidewalk", "terrain", "ground", "water", "rail_track")
 """Our classes that are DeepMIMO's one terrain object."""
