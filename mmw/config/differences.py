@@ -18,7 +18,13 @@ def differences(config: Config) -> dict[str, Any]:
     It is the content of a file that means the same configuration. Of lists of sections, such as `sensors`, either
     nothing or all entries are there, each with its own differences.
     """
-    changed = _section(config)
+    rates = {config.frame_rate_of(scenario) for scenario in config.scenarios}
+    plain = tuple(
+        # written out by `Config` where all scenarios have one rate
+        sensor.model_copy(update={"rate_hz": None}) if {sensor.rate_hz} == rates else sensor
+        for sensor in config.sensors
+    )
+    changed = _section(config.model_copy(update={"sensors": plain}))
     changed.pop("air", None)
     air = {name: found for name, one in config.air.items() if (found := _air(name, one)) is not None}
     return changed | ({"air": air} if air else {})

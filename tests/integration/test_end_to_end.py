@@ -166,7 +166,7 @@ def test_a_stage_of_ones_own_runs_through_the_same_path(own_world: Path) -> None
         ("scenarios.0.materials={}", "no radio material"),
         ("scenarios.0.stage=nowhere.usda", "no such file"),
         ("scenarios.0.actor_roles={/World/Nobody: cav}", "/World/Nobody"),
-        ("channel.carriers_hz=[105e9]", "105"),
+        ("channel.carriers_hz=[900e9]", "no permittivity at 900 GHz"),
     ],
 )
 def test_bad_stages_are_exit_code_2(own_world: Path, change: str, part: str, capsys: pytest.CaptureFixture) -> None:

@@ -129,7 +129,11 @@ def test_a_rate_leaves_the_samples_that_remain_as_they_are(folder: Path, dataset
     for name in table_files(folder / "half"):
         if (table := name.split("/")[0]) in tables:
             half, all_ = (pq.ParquetFile(root / name).read() for root in (folder / "half", dataset))
-            assert half.equals(all_.filter(pc.equal(all_["frame"], 4))), name  # the only even frame
+            same = all_.filter(pc.equal(all_["frame"], 4))  # the only even frame
+            if table == "imu":  # the white noise of a physical IMU has its density at the rate of the samples
+                assert half.num_rows == same.num_rows
+                half, same = (part.filter(pc.equal(part["sensor"], "imu")) for part in (half, same))
+            assert half.equals(same), name
             filled |= {table} if half.num_rows else set()
     assert filled == tables
 

@@ -337,7 +337,7 @@ def test_length_of_a_quaternion_does_not_scale_a_vehicle(device: str) -> None:
 
 def test_frames_are_consecutive() -> None:
     arrays = two_cars(3)
-    with pytest.raises(ValueError, match="frames in steps of 2; poses are 1/100 s apart"):
+    with pytest.raises(ValueError, match="frames in steps of 2; poses are those of all frames"):
         replace(arrays, frames=range(0, 6, 2))
 
 

@@ -82,7 +82,7 @@ def test_frame_algebra(seed: int) -> None:
 
 
 def test_folders_follow_the_rules_of_the_loader(out: Path, folder: Path, names: dict[str, str]) -> None:
-    assert sorted(path.name for path in out.iterdir()) == ["_done", "_export.json", "train"]
+    assert sorted(path.name for path in out.iterdir()) == ["LICENSE", "NOTICE", "_done", "_export.json", "train"]
     agents = sorted(path.name for path in folder.iterdir() if path.is_dir())
     assert set(agents) == set(names.values()) and len(agents) == 4
     order = agents[1:] + agents[:1] if int(agents[0]) < 0 else agents
