@@ -183,9 +183,12 @@ def refine_kernel(
     """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
 
     `order_out` is the number of rows of `hits_out` that are filled, -1 where there is no path. `origin` is the world
-    position of the scene frame's origin. Launch: dim=C, block_dim=64.
+    position of the scene frame's origin. Of S threads one works, see
+    `mmw.core.device.thread_spread`. Launch: dim=(C, S), block_dim=64.
     """
-    candidate = wp.tid()
+    candidate, lane = wp.tid()
+    if lane > 0:
+        return
     link = candidates.link[candidate]
     batch_index = ends.batch_index[link]
     world = ends.tx.shape[1] - 1

@@ -50,9 +50,11 @@ def count_hits_kernel(
 ):
     """Count the surfaces on each ray, up to `MAX_CROSSINGS`, and write the object of the first, -1 for none.
 
-    Launch: dim=(N, K), block_dim=64.
+    Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(N, K, S), block_dim=64.
     """
-    point, ray = wp.tid()
+    point, ray, lane = wp.tid()
+    if lane > 0:
+        return
     start = origin[point]
     count = wp.int32(0)
     first = wp.int32(MISS_ID)

@@ -16,6 +16,13 @@ from mmw.core.errors import InputError
 
 LOGGER = logging.getLogger(__name__)
 
+WARP_THREADS = 32
+"""Threads of a warp of NVIDIA GPUs."""
+
+FEW_PIECES = 4096
+"""Most pieces of work that have a warp each: about as many as an H100 runs at once, 132 processors with 32 of these
+blocks of 64 threads. Design value."""
+
 wp.config.log_level = wp.LOG_ERROR
 """Warp's start-up lines and its note on a missing GPU are redundant: `choose_device` reports the same."""
 
@@ -41,6 +48,19 @@ def start_warp() -> None:
                     LOGGER.info("%s", line.decode(errors="replace").strip())
                 else:  # of another thread
                     os.write(2, line)
+
+
+def thread_spread(device: str, count: int) -> int:
+    """Return how many threads to launch for each of `count` pieces of work, of which the first does it.
+
+    The threads of a warp wait for each other where their ways part, as those of rays do. A GPU that has room gives each
+    piece a warp of its own; with many pieces, and on the CPU, each has one thread.
+
+    Args:
+        device: Warp device.
+        count: Pieces of work.
+    """
+    return WARP_THREADS if device.startswith("cuda") and count <= FEW_PIECES else 1
 
 
 def choose_device(name: str) -> str:

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import warp as wp
 
+from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
@@ -48,7 +49,7 @@ class EnclosingQuery:
         frame, origin, direction = self._given.host
         frame[...], origin[...], direction[...] = 0, position - scene.origin, _directions()
         inputs = [scene.struct, *self._given.upload(), REACH_M]
-        shape = (count, RAYS)
+        shape = (count, RAYS, thread_spread(device, count * RAYS))
         wp.launch(sight.count_hits_kernel, shape, inputs, self._out.arrays, device=device, block_dim=BLOCK_DIM)
 
     def object_ids(self) -> np.ndarray:

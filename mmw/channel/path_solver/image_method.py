@@ -10,6 +10,7 @@ from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_cand
 from mmw.channel.path_solver.scatter_paths import find_patches
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
+from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.kernels.channel.edges import cull_wedges_kernel
 from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
@@ -173,7 +174,7 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
     hits = out.struct(HitBuffers, None, "kind", "surface", "vertex", "normal")
     wp.launch(
         refine_kernel,
-        dim=count,
+        dim=(count, thread_spread(device, count)),
         inputs=[
             scene.struct,
             search.forward.ends,
