@@ -14,7 +14,7 @@ import warp as wp
 from mmw.core import device
 from mmw.core.cpu_cores import single_threaded_libraries
 from mmw.core.cuda import retain_memory, use_blocking_sync
-from mmw.core.device import start_warp, workers_per_gpu, writer_threads
+from mmw.core.device import FEW_PIECES, start_warp, thread_spread, workers_per_gpu, writer_threads
 
 GB = 1 << 30
 
@@ -92,3 +92,11 @@ def test_lines_of_warp_are_logged_and_those_of_others_printed(
     os.write(2, b"later\n")
     assert capfd.readouterr().err == "another thread\nlater\n"
     assert [record.getMessage() for record in caplog.records] == ["Warp CUDA warning: none"]
+
+
+@pytest.mark.parametrize(
+    ("name", "count", "threads"),
+    [("cpu", 1, 1), ("cuda:0", 1, 32), ("cuda:1", FEW_PIECES, 32), ("cuda:0", FEW_PIECES + 1, 1)],
+)
+def test_few_pieces_of_work_have_a_warp_each(name: str, count: int, threads: int) -> None:
+    assert thread_spread(name, count) == threads

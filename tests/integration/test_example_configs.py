@@ -49,3 +49,12 @@ def test_street_140ghz(tmp_path: Path) -> None:
     assert "at 140 GHz: extrapolated from 29.5 GHz with the exponents of its last row" in card
     assert "(itu_brick) at 60 GHz: interpolated between 40 and 110 GHz" in card
     assert "28 GHz:" not in card
+
+
+def test_v2v_only(tmp_path: Path) -> None:
+    data = open_dataset(made("v2v_only", tmp_path, "channel.samples_per_tx=20_000"))
+    cavs = {f"cav_{number}" for number in (1, 2, 3, 4)}
+    pairs = [(row["agent"], row["peer"]) for row in data.read("links").to_pylist()]
+    assert sorted(pairs) == sorted((one, other) for one in cavs for other in cavs if one != other)
+    assert {row["agent"] for row in data.read("poses").to_pylist()} == cavs
+    assert {row["agent"] for row in data.read("lidar").to_pylist()} == cavs
