@@ -1,12 +1,11 @@
 """Make radio links: one row a link and frame, with the poses of both antennas."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mmw.config import ChannelConfig
-from mmw.config.section import Vec3
 from mmw.scene.mounted_antennas import RadioDevices, mounted_antennas
 from mmw.scene.scene_data import SceneData
 
@@ -70,8 +69,7 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
     is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     batch_index, column = np.nonzero(is_here[:, pair[:, 1]] & is_here[:, pair[:, 2]])
     kind, tx_actor, rx_actor = pair[column].T
-    places: Mapping[str, Vec3] = {**config.antenna_position_m}
-    mount = np.array([places.get(actor.role, (0.0, 0.0, 0.0)) for actor in actors]).reshape(-1, 3)
+    mount = np.array([config.antenna_on(actor.role, actor.name) for actor in actors]).reshape(-1, 3)
     return Links(
         frame=np.array(frames, dtype=np.int32)[batch_index],
         batch_index=batch_index.astype(np.int32),

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator
 
+from mmw.config.agent_keys import AgentKey, of_agent
 from mmw.config.sampling import Sampling
 from mmw.config.section import Vec3
 from mmw.core.errors import InputError
@@ -51,11 +52,15 @@ class ChannelConfig(Sampling):
         default="dipole", description="element pattern of both ends; tr38901 looks along the agent's x (name)"
     )
     polarization: Literal["V", "H"] = Field(default="V", description="polarization of both ends (name)")
-    antenna_position_m: dict[Literal["cav", "rsu"], Vec3] = Field(
+    antenna_position_m: dict[AgentKey, Vec3] = Field(
         default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
-        description="antenna in the agent's frame, x forward, y left, z up; the LiDAR's place by default, also for a "
-        "role that is left out [m]",
+        description="role, or name of an agent -> antenna in its frame, x forward, y left, z up; the LiDAR's place by "
+        "default, also for a role that is left out [m]",
     )
+
+    def antenna_on(self, role: str, name: str) -> Vec3:
+        """Return the antenna's place on an agent, by its name or else its role [m]; its origin for other actors."""
+        return of_agent(self.antenna_position_m, role, name, (0.0, 0.0, 0.0))
 
     @property
     def is_reciprocal(self) -> bool:

@@ -6,6 +6,7 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from mmw.config.agent_keys import check_agents
 from mmw.config.air import AirConfig, resolve_air
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
@@ -87,6 +88,17 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _agents_are_there(self) -> "Config":
+        agents = self.agent_names
+        if agents is None:
+            return self
+        for index, sensor in enumerate(self.sensors):
+            check_agents(f"sensors[{index}].on", sensor.on, agents)
+            check_agents(f"sensors[{index}].mount", sensor.mount, agents)
+        check_agents("channel.antenna_position_m", self.channel.antenna_position_m, agents)
+        return self
+
+    @model_validator(mode="after")
     def _samples_fall_on_frames(self) -> "Config":
         rates = {self.frame_rate_of(scenario) for scenario in self.scenarios}
         if len(rates) == 1:  # with several, a sensor without a rate has that of each scenario
@@ -125,6 +137,16 @@ class Config(Section):
         if name and name not in found:
             raise InputError(f"scenario = {name}: there are {', '.join(found)}; name one of them")
         return found[name] if name else self.scenarios[0]
+
+    @property
+    def agent_names(self) -> tuple[str, ...] | None:
+        """Names of the agents of all scenarios; None if a stage or an engine of another package gives some."""
+        engines = [scenario.traffic.engine if scenario.traffic else "" for scenario in self.scenarios]
+        if not {*engines} <= {"idm", "sumo", "replay"}:
+            return None
+        cavs = max(len(one.traffic.cav_ids or one.traffic.cav_ranks) for one in self.scenarios if one.traffic)
+        rsus = dict.fromkeys(rsu.name for scenario in self.scenarios for rsu in scenario.rsus)
+        return (*(f"cav_{number + 1}" for number in range(cavs)), *rsus)
 
     def check_single(self, use: str) -> None:
         """Check that this is the configuration of one dataset.

@@ -74,6 +74,11 @@ class TrafficConfig(Section):
         description="as many CAVs as `cav_ranks` names, drawn by `seed` from this many vehicles nearest to "
         "`spawn_center_m`; without it each seed has those of `cav_ranks`; engines idm and sumo (count)",
     )
+    cav_models: tuple[str | None, ...] = Field(
+        default=(),
+        description="vehicle model of each CAV, `cav_1` first, such as `city_bus`; drawn by `seed` where it is null or "
+        "left out; engines idm and sumo (names)",
+    )
     warmup_s: float = Field(
         default=1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]"
     )
@@ -122,6 +127,10 @@ class TrafficConfig(Section):
                 )
         if len(set(self.cav_ranks)) != len(self.cav_ranks):
             raise InputError(f"cav_ranks = {list(self.cav_ranks)} names a vehicle twice; give each rank once")
+        if len(self.cav_models) > len(self.cav_ranks):
+            raise InputError(
+                f"cav_models names {len(self.cav_models)} models for {len(self.cav_ranks)} CAVs; give at most one each"
+            )
         if self.cav_pool is not None and not len(self.cav_ranks) <= self.cav_pool <= self.vehicle_count:
             raise InputError(
                 f"cav_pool = {self.cav_pool}: {len(self.cav_ranks)} CAVs are drawn from it, and there are "

@@ -1,14 +1,13 @@
 """Common section of all sensors: a name, the agents that carry it, and its mount on them."""
 
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field, field_validator
 
+from mmw.config.agent_keys import AgentKey, of_agent
 from mmw.config.sampling import Sampling
 from mmw.config.section import Name, Section, Vec3
 from mmw.core.errors import InputError
-
-Role = Literal["cav", "rsu"]
 
 MAX_OFFSET_M = 1000.0
 """Largest offset of a sensor from its agent along an axis [m]. Design value."""
@@ -41,7 +40,7 @@ def mounts_at(**position_m: Vec3) -> Any:
     """Return the field `mount` of a kind of sensor, with the place of the sensor on each role by default [m]."""
     return Field(
         default_factory=lambda: {role: MountConfig(position_m=place) for role, place in position_m.items()},
-        description="mount for each role; a role that is left out keeps its default (map)",
+        description="mount for each role, or for an agent by its name; a role that is left out keeps its default (map)",
     )
 
 
@@ -50,25 +49,28 @@ class SensorConfig(Sampling):
 
     type: str
     name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
-    on: tuple[Role, ...] = Field(description="agents that carry it: `cav`, `rsu` (list)")
-    mount: dict[Role, MountConfig] = mounts_at()
+    on: tuple[AgentKey, ...] = Field(description="agents that carry it: roles `cav`, `rsu`, or names (list)")
+    mount: dict[AgentKey, MountConfig] = mounts_at()
 
     @field_validator("on")
     @classmethod
-    def _once(cls, value: tuple[Role, ...]) -> tuple[Role, ...]:
+    def _once(cls, value: tuple[AgentKey, ...]) -> tuple[AgentKey, ...]:
         if len(set(value)) != len(value):
-            raise InputError(f"{list(value)} names a role twice; name each once")
+            raise InputError(f"{list(value)} names one twice; name each once")
         return value
 
     @field_validator("mount")
     @classmethod
-    def _every_role(cls, value: dict[Role, MountConfig]) -> dict[Role, MountConfig]:
+    def _every_role(cls, value: dict[AgentKey, MountConfig]) -> dict[AgentKey, MountConfig]:
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
-    def mount_on(self, role: str) -> MountConfig:
-        """Return the mount for the role of an actor; the actor's origin where the sensor has none.
+    def is_on(self, role: str, name: str) -> bool:
+        """Return whether an agent carries the sensor."""
+        return role in self.on or name in self.on
+
+    def mount_on(self, role: str, name: str = "") -> MountConfig:
+        """Return the mount on an actor, by its name or else its role; the actor's origin where the sensor has none.
 
         A vehicle or a pedestrian that is no agent carries a sensor where a CAV does.
         """
-        mounts: dict[str, MountConfig] = {**self.mount}
-        return mounts.get("cav" if role in ("vehicle", "pedestrian") else role, MountConfig())
+        return of_agent(self.mount, "cav" if role in ("vehicle", "pedestrian") else role, name, MountConfig())

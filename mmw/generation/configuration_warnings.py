@@ -6,6 +6,7 @@ import numpy as np
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
+from mmw.config.agent_keys import ROLES
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
@@ -21,9 +22,11 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
         yield f"channel.links has v2i, but there are {cavs} CAVs and {rsus} RSUs: no such link"
     if "v2v" in links and cavs < 2:
         yield f"channel.links has v2v, but there is {cavs} CAV: no such link"
-    idle = [sensor for sensor in config.sensors if sensor.on and not set(roles).intersection(sensor.on)]
+    agents = [(actor.role, actor.name) for actor in arrays.actors]
+    idle = [one for one in config.sensors if one.on and not any(one.is_on(*agent) for agent in agents)]
     if idle:
-        wanted = " or ".join(role.upper() for role in sorted({role for sensor in idle for role in sensor.on}))
+        keys = sorted({key for sensor in idle for key in sensor.on})
+        wanted = " or ".join(key.upper() if key in ROLES else key for key in keys)
         yield f"sensors: there is no {wanted} to carry {', '.join(sensor.name for sensor in idle)}: no rows of them"
     frames = config.frames_of(scenario)
     sampled: list[tuple[str, Sampling]] = [(f"sensors: {sensor.name}", sensor) for sensor in config.sensors]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig
+from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig, SensorConfig
+from mmw.config.agent_keys import ROLES
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
@@ -190,7 +191,7 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     rays: dict[str, int] = {}
     size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
-        samples = sum(counts[role] for role in sensor.on) * share(sensor)
+        samples = _carriers(sensor, counts, scenario) * share(sensor)
         cost = spec_of(sensor).estimate(sensor)
         if cost.rays:
             rays[sensor.name] = round(samples * cost.rays)
@@ -208,6 +209,14 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * PATH_BYTES)
         size += links * link_size * share(channel)
     return rays, size
+
+
+def _carriers(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
+    """Return how many agents carry a sensor."""
+    rsus = {rsu.name for rsu in scenario.rsus}
+    named = [name for name in sensor.on if name not in ROLES]
+    others = sum(("rsu" if name in rsus else "cav") not in sensor.on for name in named)
+    return sum(counts[role] for role in ROLES if role in sensor.on) + others
 
 
 def _paths(channel: ChannelConfig) -> float:

@@ -10,7 +10,6 @@ import pyarrow as pa
 from mmw.config import Config, SensorConfig
 from mmw.config.lens import USED
 from mmw.config.sampling import UNSET
-from mmw.config.section import Vec3
 from mmw.config.sensor_spec import spec_of
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
@@ -100,18 +99,17 @@ def static_rows(arrays: SceneData, config: Config) -> dict[str, Columns]:
 
 
 def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
-    antennas: dict[str, Vec3] = {**config.channel.antenna_position_m}
     rows: list[Columns] = []
     for actor in arrays.actors:
         if actor.role not in AGENT_ROLES:
             continue
         for sensor in config.sensors:
-            if actor.role in sensor.on:
-                pose = mount_pose(sensor, actor.role)
+            if sensor.is_on(actor.role, actor.name):
+                pose = mount_pose(sensor, actor.role, actor.name)
                 params = json.dumps(sensor.with_rate(arrays.rate_hz).model_dump(mode="json"), sort_keys=True)
                 rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, _camera(sensor)))
         if config.channel.enabled:
-            pose = np.array([*antennas.get(actor.role, (0.0, 0.0, 0.0)), 0.0, 0.0, 0.0, 1.0])
+            pose = np.array([*config.channel.antenna_on(actor.role, actor.name), 0.0, 0.0, 0.0, 1.0])
             own = {key: value for key, value in config.channel.model_dump(mode="json").items() if key in UNSET}
             params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization, **own})
             rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))

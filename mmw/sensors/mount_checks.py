@@ -28,12 +28,12 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         if actor.role not in ("cav", "rsu") or not is_here.any():
             continue
         places = {
-            sensor.name: sensor.mount_on(actor.role).position_m
+            sensor.name: sensor.mount_on(actor.role, actor.name).position_m
             for sensor in config.sensors
-            if actor.role in sensor.on and spec_of(sensor).needs_clear_view
+            if sensor.is_on(actor.role, actor.name) and spec_of(sensor).needs_clear_view
         }
         if config.channel.enabled:
-            places["antenna"] = config.channel.antenna_position_m[actor.role]
+            places["antenna"] = config.channel.antenna_on(actor.role, actor.name)
         if not places:
             continue
         row = int(np.argmax(is_here))

@@ -95,7 +95,7 @@ def capture(
     """Return the samples of sensors in one frame of a scene.
 
     `on` and `rate_hz` of a sensor do not matter: any actor carries it, and it samples in any frame. On an actor it has
-    the mount for the actor's role (`SensorConfig.mount_on`), and the samples are those of a run's rows bit for bit.
+    the actor's mount (`SensorConfig.mount_on`), and the samples are those of a run's rows bit for bit.
 
     Args:
         context: The scene.

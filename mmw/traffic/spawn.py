@@ -173,6 +173,8 @@ class Start:
     """The driver's time gap [s]."""
     generator: np.random.Generator
     """Draws the model, then the paint."""
+    model: str | None = None
+    """Model that the configuration gives it."""
 
 
 def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
@@ -191,7 +193,9 @@ def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
     for rank, point in enumerate(points):
         generator = seeded(demand.seed, rank, 0)
         factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)
-        starts.append(Start(rank, point, rank in cav_ranks, factor, headway, generator))
+        number = cav_ranks.index(rank) if rank in cav_ranks else len(traffic.cav_models)
+        model = traffic.cav_models[number] if number < len(traffic.cav_models) else None
+        starts.append(Start(rank, point, rank in cav_ranks, factor, headway, generator, model))
     return starts
 
 
@@ -214,7 +218,8 @@ class Places:
             InputError: If no model has both.
         """
         point, reason = start.point, "no model has room between its neighbors"
-        for shape in draw_models(shapes, start.is_cav, start.generator):
+        drawn = draw_models(shapes, start.is_cav, start.generator)
+        for shape in drawn if start.model is None else _of_model(drawn, start.model):
             span = point.bumpers(shape)
             if not self._fits(point.lane, span):
                 continue
@@ -226,7 +231,12 @@ class Places:
         x, y, z = point.position
         raise InputError(
             f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a "
-            "route that keeps its wheels on the road; widen the road there, or add a shorter vehicle model"
+            "route that keeps its wheels on the road; "
+            + (
+                "widen the road there, or add a shorter vehicle model"
+                if start.model is None
+                else f"choose a model other than {start.model} in cav_models, or another rank in cav_ranks"
+            )
         )
 
     def _fits(self, lane: str, span: tuple[float, float]) -> bool:
@@ -237,6 +247,19 @@ class Places:
             return False
         others = self.occupied.get(lane, [])
         return all(front + START_GAP <= low or high + START_GAP <= rear for low, high in others)
+
+
+def _of_model(shapes: Sequence[Shape], name: str) -> list[Shape]:
+    """Return the shape of a model.
+
+    Raises:
+        InputError: If there is no such model.
+    """
+    found = [shape for shape in shapes if shape.name == name]
+    if not found:
+        known = ", ".join(sorted(shape.name for shape in shapes))
+        raise InputError(f"traffic.cav_models: there is no model {name!r}; there are {known}; name one of them")
+    return found
 
 
 def draw_paint(model: Any, generator: np.random.Generator) -> str:

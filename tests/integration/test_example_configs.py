@@ -58,3 +58,20 @@ def test_v2v_only(tmp_path: Path) -> None:
     assert sorted(pairs) == sorted((one, other) for one in cavs for other in cavs if one != other)
     assert {row["agent"] for row in data.read("poses").to_pylist()} == cavs
     assert {row["agent"] for row in data.read("lidar").to_pylist()} == cavs
+
+
+def test_bus_and_truck(tmp_path: Path) -> None:
+    data = open_dataset(made("bus_and_truck", tmp_path))
+    rows = {(row["agent"], row["sensor"]): row for row in data.read("sensors").to_pylist()}
+    heights = {agent: rows[agent, "lidar"]["z"] for agent in ("cav_1", "cav_2", "cav_3", "rsu_1")}
+    assert heights == {"cav_1": 3.6, "cav_2": 4.0, "cav_3": 2.5, "rsu_1": 4.0}
+    assert {agent: rows[agent, "antenna"]["z"] for agent in heights} == heights
+    assert [key for key in rows if key[1] == "rear"] == [("cav_1", "rear")]
+    assert {row["agent"] for row in data.read("rgb").to_pylist()} == {"cav_1"}
+    boxes = {row["object_id"]: row for row in data.read("boxes").to_pylist()}
+    bus, truck, car = (
+        boxes[row["object_id"]]["height"]
+        for row in sorted(data.read("poses").to_pylist(), key=lambda row: row["agent"])
+        if row["agent"].startswith("cav")
+    )
+    assert bus > 2.8 and truck > 2.8 and car < 2.5

@@ -104,7 +104,7 @@ class PlannedRows:
         config = self._config
         for scenario, tables in self.seen.static.items():
             agents = self.seen.agents[scenario]
-            mounted = {(agent, sensor.name) for agent, role in agents for sensor in config.sensors if role in sensor.on}
+            mounted = {(agent, one.name) for agent, role in agents for one in config.sensors if one.is_on(role, agent)}
             antennas = {(agent, "antenna") for agent, _ in agents if config.channel.enabled}
             needed = {
                 ("sensors", "agent", "sensor"): mounted | antennas,

@@ -137,8 +137,9 @@ def _samples(config: Config, poses: pa.Table, names: Names, rate_hz: int) -> Ite
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
     for sensor in config.sensors:
+        on = pa.array(names.numbers(sensor.on))
         is_due = pc.and_(
-            pc.is_in(poses["role"], pa.array(names.numbers(sensor.on))), pa.array(sensor.is_due(frame, rate_hz))
+            pc.or_(pc.is_in(poses["role"], on), pc.is_in(poses["agent"], on)), pa.array(sensor.is_due(frame, rate_hz))
         )
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():

@@ -62,7 +62,7 @@ def compose_scenario(
         sensors: Sensors that agents carry.
         weather: Variant of the town that is selected in the file.
         meta: What is written into the layer's custom data, such as version, scenario and seed.
-        antenna_position_m: Role (`cav`, `rsu`) -> antenna in the agent's frame [m].
+        antenna_position_m: Role (`cav`, `rsu`), or name of an agent -> antenna in its frame [m].
         assets: Folder of the copies; `assets` beside the stage if absent.
         rate_hz: Frames a second. The stage has a time code for each pose, `pose_stride(rate_hz)` a frame.
 

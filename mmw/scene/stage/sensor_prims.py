@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
+from mmw.config.agent_keys import of_agent
 from mmw.config.sensor_spec import Camera, spec_of
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.transforms import IDENTITY_POSE, compose
@@ -33,17 +34,18 @@ def write_sensors(
 
     Args:
         layer: The layer.
-        agent_path: The agent's prim.
-        role: `cav` or `rsu`; sensors that are not on this role are left out.
+        agent_path: The agent's prim, which has its name.
+        role: `cav` or `rsu`; sensors that the agent does not carry are left out.
         sensors: The configured sensors.
-        antenna_position_m: Role -> antenna in the agent's frame [m]; no antenna prim for a role that is not there.
+        antenna_position_m: Role, or name of an agent -> antenna in its frame [m]; no antenna prim for others.
         frame_rate_hz: Frames a second, the rate of a sensor that has none of its own.
     """
+    name = agent_path.rsplit("/", 1)[1]
     define(layer, f"{agent_path}/Sensors", "Scope")
     for sensor in sensors:
-        if role not in sensor.on:
+        if not sensor.is_on(role, name):
             continue
-        pose = mount_pose(sensor, role)
+        pose = mount_pose(sensor, role, name)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")
@@ -57,9 +59,10 @@ def write_sensors(
             sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True
         )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
-    if role in antenna_position_m:
+    antenna = of_agent(antenna_position_m, role, name, None)
+    if antenna is not None:
         prim = define(layer, f"{agent_path}/Sensors/antenna")
-        place(prim, np.concatenate([antenna_position_m[role], IDENTITY_POSE[3:]]))
+        place(prim, np.concatenate([antenna, IDENTITY_POSE[3:]]))
         set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
 
 

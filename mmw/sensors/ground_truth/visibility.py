@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from mmw.config.agent_keys import of_agent
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
@@ -68,11 +69,12 @@ def trace_sight(
     Args:
         scene: Town and vehicles, with the frames loaded.
         frames: Frames of the batch.
-        antenna_position_m: Role (`cav`, `rsu`) -> antenna in the agent's frame [m].
+        antenna_position_m: Role (`cav`, `rsu`), or name of an agent -> antenna in its frame [m].
         due: Frames that are looked at, shape of `frames`, bool; None for all of them.
     """
     arrays = scene.arrays
-    agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in antenna_position_m], dtype=np.int32)
+    places = [of_agent(antenna_position_m, actor.role, actor.name, None) for actor in arrays.actors]
+    agents = np.array([i for i, place in enumerate(places) if place is not None], dtype=np.int32)
     others = boxed_actors(arrays.actors)
     batch_index, agent, actor = (
         grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij")
@@ -82,7 +84,7 @@ def trace_sight(
     is_here &= (np.ones(len(rows), dtype=bool) if due is None else due)[:, None]
     keep = (agent != actor) & is_here[batch_index, agent] & is_here[batch_index, actor]
     batch_index, agent, actor = batch_index[keep], agent[keep], actor[keep]
-    antenna = np.array([antenna_position_m.get(a.role, (0.0, 0.0, 0.0)) for a in arrays.actors]).reshape(-1, 3)
+    antenna = np.array([(0.0, 0.0, 0.0) if place is None else place for place in places]).reshape(-1, 3)
     middle = np.array([a.center for a in arrays.actors]).reshape(-1, 3)
     start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), antenna[agent])
     end = transform_points(_unit(arrays.poses[rows[batch_index], actor]), middle[actor])

@@ -4,8 +4,9 @@ from typing import Literal
 
 from pydantic import Field
 
+from mmw.config.agent_keys import AgentKey
 from mmw.config.section import Name
-from mmw.config.sensor import Role, SensorConfig
+from mmw.config.sensor import SensorConfig
 
 
 class Imu(SensorConfig):
@@ -13,7 +14,7 @@ class Imu(SensorConfig):
 
     type: Literal["imu"] = "imu"
     name: Name = Field(default="imu", description="sensor name (name)")
-    on: tuple[Role, ...] = Field(default=("cav",), description="agents that carry it (list)")
+    on: tuple[AgentKey, ...] = Field(default=("cav",), description="agents that carry it (list)")
     mode: Literal["carla", "physical"] = Field(
         default="carla", description="CARLA's white noise a sample, or noise densities with wandering biases (name)"
     )

@@ -85,7 +85,8 @@ def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: 
     true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
     late = np.full(shape, np.nan) if lag else true
     for column, index in enumerate(actors):
-        poses, mount, at = arrays.poses[part, index], mount_pose(config, arrays.actors[index].role), rows - part.start
+        actor = arrays.actors[index]
+        poses, mount, at = arrays.poses[part, index], mount_pose(config, actor.role, actor.name), rows - part.start
         true[:, column] = np.stack(measure(poses, mount, arrays.pose_dt))[:, at]
         if lag:
             late[:, column] = np.stack(measure(poses, mount, arrays.pose_dt, lag))[:, at]

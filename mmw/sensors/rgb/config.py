@@ -4,9 +4,10 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
+from mmw.config.agent_keys import AgentKey
 from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, Role
+from mmw.config.sensor import MountConfig
 from mmw.sensors.camera_group.camera_config import CameraConfig
 from mmw.sensors.render.image_config import ImageConfig
 
@@ -16,7 +17,7 @@ class RgbCamera(CameraConfig):
 
     type: Literal["rgb"] = "rgb"
     name: Name = Field(default="front", description="sensor name (name)")
-    on: tuple[Role, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
+    on: tuple[AgentKey, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
     fov_deg: float = Field(
         default=110.0, gt=0, le=WIDEST_DEG, description="horizontal field of view; below 180 but for a fisheye [deg]"
     )
