@@ -25,8 +25,8 @@ def test_role_decides_who_carries_and_where() -> None:
     assert list(sensor_actors(arrays, DepthCamera())) == [2]
     assert list(sensor_actors(arrays, Imu())) == [0]
     assert len(make_views(arrays, [0], DepthCamera(on=()))) == 0
-    np.testing.assert_allclose(mount_pose(Lidar(), "rsu")[:3], (0.0, 0.0, 4.0))
-    np.testing.assert_allclose(mount_pose(Imu(), "cav"), (0, 0, 0, 0, 0, 0, 1))
+    np.testing.assert_allclose(mount_pose(Lidar(), "rsu", "rsu_1")[:3], (0.0, 0.0, 4.0))
+    np.testing.assert_allclose(mount_pose(Imu(), "cav", "cav_1"), (0, 0, 0, 0, 0, 0, 1))
 
 
 def test_any_actor_carries_a_sensor_that_is_put_on_it() -> None:
@@ -37,8 +37,8 @@ def test_any_actor_carries_a_sensor_that_is_put_on_it() -> None:
     views = actor_views(arrays, [0, 1], sensor, np.array([1, 2]))
     np.testing.assert_array_equal(views.actor, [1, 2, 1, 2])
     np.testing.assert_allclose(views.pose[:2, :3], [(20.0, 3.0, 2.5), (0.0, 9.0, 9.0)])
-    np.testing.assert_array_equal(mount_pose(sensor, "pedestrian"), mount_pose(sensor, "cav"))
-    np.testing.assert_array_equal(mount_pose(sensor, "free"), (0, 0, 0, 0, 0, 0, 1))
+    np.testing.assert_array_equal(mount_pose(sensor, "pedestrian", "ped_001"), mount_pose(sensor, "cav", "cav_1"))
+    np.testing.assert_array_equal(mount_pose(sensor, "free", ""), (0, 0, 0, 0, 0, 0, 1))
 
 
 def test_pose_is_agent_times_mount() -> None:
@@ -48,7 +48,9 @@ def test_pose_is_agent_times_mount() -> None:
     # The unit at (0, 9, 5) looks along -y: forward is -y, left is +x.
     np.testing.assert_allclose(views.pose[1, :3], (0.5, 8.0, 7.0), atol=1e-12)
     np.testing.assert_allclose(np.degrees(quaternion_to_ypr(views.pose[1, 3:])), (0.0, 10.0, 0.0), atol=1e-9)
-    expected = pose_to_matrix(arrays.poses[1, 0]) @ pose_to_matrix(mount_pose(Lidar(mount={"cav": mount}), "cav"))
+    expected = pose_to_matrix(arrays.poses[1, 0]) @ pose_to_matrix(
+        mount_pose(Lidar(mount={"cav": mount}), "cav", "cav_1")
+    )
     np.testing.assert_allclose(pose_to_matrix(views.pose[2]), expected, atol=1e-12)
 
 

@@ -75,7 +75,7 @@ def test_a_pose_is_that_of_the_mounted_sensor(device: str, actor: str, role: str
     arrays = street()
     sensor = DepthCamera(**SMALL, on=(), mount={"cav": MountConfig(position_m=(0.5, 0, 3.0), yaw_deg=20)})
     scene, index = context(arrays, device, 2), [actor.name for actor in arrays.actors].index(actor)
-    place = compose(arrays.poses[2, index], mount_pose(sensor, role))
+    place = compose(arrays.poses[2, index], mount_pose(sensor, role, actor))
     assert_same(capture(scene, sensor, actor=actor), capture(scene, sensor, pose=place))
 
 

@@ -126,7 +126,7 @@ def test_a_key_of_another_engine_is_refused(engine: str, key: str, value: object
 
 def test_specs_are_checked() -> None:
     for keys in ({"keys": ("vehicle_count",)}, {"required": ("options",)}):
-        with pytest.raises(InputError, match=r"traffic engine 'mine': key '.*' is none of cav_pool, warmup_s"):
+        with pytest.raises(InputError, match=r"traffic engine 'mine': key '.*' is none of cav_pool, cav_models"):
             TrafficEngineSpec("mine", "mine:simulate", **keys)
     for spec in ENGINES.values():
         assert callable(load_reference(spec.simulate))
