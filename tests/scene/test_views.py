@@ -29,6 +29,17 @@ def test_role_decides_who_carries_and_where() -> None:
     np.testing.assert_allclose(mount_pose(Imu(), "cav", "cav_1"), (0, 0, 0, 0, 0, 0, 1))
 
 
+def test_a_name_decides_before_the_role() -> None:
+    arrays = two_cars()
+    names = [actor.name for actor in arrays.actors]
+    assert [names[i] for i in sensor_actors(arrays, Imu(on=(names[2],)))] == [names[2]]
+    assert len(sensor_actors(arrays, Lidar(on=("cav", names[2])))) == 2
+    high = Lidar(mount={names[0]: MountConfig(position_m=(0.0, 0.0, 3.5))})
+    usual = make_views(arrays, [0], Lidar()).pose
+    lifted = make_views(arrays, [0], high).pose
+    np.testing.assert_allclose(lifted[:, 2] - usual[:, 2], (1.0, 0.0))  # the unit keeps its own
+
+
 def test_any_actor_carries_a_sensor_that_is_put_on_it() -> None:
     """A vehicle has it where a CAV does; an actor of another role at its origin."""
     arrays = two_cars(2)
