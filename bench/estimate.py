@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mmw.config import Config, load_config
 from mmw.core.device import choose_device
-from mmw.generation.run_config import run_config
+from mmw.generation.run_config import RunOptions, run_config
 from mmw.generation.sample_run import sample_scenario, total
 from mmw.storage.manifest import manifest_rows, read_markers
 
@@ -46,7 +46,7 @@ CASES: dict[str, tuple[str, ...]] = {
 def compare(config: Config, base: Path, device: str, out: Path) -> tuple[float, float, float, float]:
     """Return foreseen and true rows, then foreseen and true bytes of a configuration with one scenario."""
     sample = sample_scenario(config, config.scenarios[0], base, device)
-    run_config(config, base, "bench", is_quiet=True)
+    run_config(config, base, "bench", RunOptions(is_quiet=True))
     made = manifest_rows(read_markers(out)).to_pylist()
     true = (sum(row[key] for row in made) for key in ("rows", "bytes"))
     rows, size = true

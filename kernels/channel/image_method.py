@@ -183,8 +183,8 @@ def refine_kernel(
     """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
 
     `order_out` is the number of rows of `hits_out` that are filled, -1 where there is no path. `origin` is the world
-    position of the scene frame's origin. Of S threads one works, see
-    `mmw.core.device.thread_spread`. Launch: dim=(C, S), block_dim=64.
+    position of the scene frame's origin. Of S threads one works, see `mmw.core.device.thread_spread`.
+    Launch: dim=(C, S), block_dim=64.
     """
     candidate, lane = wp.tid()
     if lane > 0:

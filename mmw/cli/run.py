@@ -13,7 +13,7 @@ from mmw.config.differences import differences_yaml
 from mmw.config.load import json_schema, load_sweep, to_yaml
 from mmw.config.shipped import CONFIG_HELP
 from mmw.core.errors import InputError
-from mmw.generation.run_config import describe_config, run_config
+from mmw.generation.run_config import RunOptions, describe_config, run_config
 from mmw.generation.sweep import describe_sweep, run_sweep
 
 
@@ -106,7 +106,7 @@ def _run(arguments: argparse.Namespace) -> None:
     given = {key: value for key, value in options.items() if value is not None}
     config = load_config(path, arguments.overrides, given)
     members = load_sweep(path, arguments.overrides, given)
-    how = {name: getattr(arguments, name) for name in ("overwrite", "shard", "accept")}
+    how = RunOptions(overwrite=arguments.overwrite, shard=arguments.shard, accept=arguments.accept)
     if arguments.print_config:
         print(to_yaml(config), end="")
     elif arguments.diff:
@@ -114,11 +114,11 @@ def _run(arguments: argparse.Namespace) -> None:
     elif arguments.dry_run and members:
         print(describe_sweep(members, config.output.dir, path.parent, path, arguments.shard))
     elif members:
-        run_sweep(members, config.output.dir, path.parent, path, **how)
+        run_sweep(members, config.output.dir, path.parent, path, how)
     elif arguments.dry_run:
         print(describe_config(config, path.parent, path, arguments.shard, is_quick=arguments.quick))
     else:
-        run_config(config, path.parent, path, **how)
+        run_config(config, path.parent, path, how)
 
 
 def _whole_number(text: str | None) -> int | str | None:

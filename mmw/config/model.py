@@ -187,8 +187,7 @@ class Config(Section):
         return len(self.weathers) * sum(self.frames_of(scenario).count for scenario in self.scenarios)
 
     def identity(self) -> dict[str, Any]:
-        """Return what decides the bytes of the data: everything but where they go, their
-        license, and `compute`."""
+        """Return what decides the bytes of the data: all but where they go, their license, and `compute`."""
         data = self.model_dump(mode="json")
         del data["compute"], data["sweep"]
         for key in ("dir", "staging", "license", "notices"):

@@ -3,7 +3,6 @@
 from pydantic import Field, field_validator
 
 from mmw.config.section import PathText, Section
-from mmw.core.errors import InputError
 from mmw.core.licenses import license_name
 
 
@@ -33,10 +32,7 @@ class OutputConfig(Section):
     @field_validator("license")
     @classmethod
     def _spelled(cls, value: str) -> str:
-        try:
-            return license_name(value)
-        except ValueError as error:
-            raise InputError(str(error)) from None
+        return license_name(value)
 
 
 def folder_below(root: str, name: str) -> str:

@@ -3,6 +3,8 @@
 import difflib
 import re
 
+from mmw.core.errors import InputError
+
 SPDX_TAG = "SPDX-License-Identifier: "
 """Begin of the line that names a license in a file."""
 
@@ -32,18 +34,18 @@ def license_name(text: str) -> str:
     """Return a license as SPDX spells it; other identifiers and texts of several words stay as they are.
 
     Raises:
-        ValueError: If it is empty, or an identifier that looks like a misspelled one.
+        InputError: If it is empty, or an identifier that looks like a misspelled one.
     """
     text = text.strip()
     found = {name.lower(): name for name in TITLES}.get(text.lower())
     if found:
         return found
     if not text:
-        raise ValueError("is empty; an SPDX identifier such as CC-BY-4.0, or a text is needed")
+        raise InputError("is empty; an SPDX identifier such as CC-BY-4.0, or a text is needed")
     near = difflib.get_close_matches(text.lower(), [name.lower() for name in TITLES], 1, 0.8)
     if near and _IDENTIFIER.fullmatch(text):
         known = next(name for name in TITLES if name.lower() == near[0])
-        raise ValueError(f"{text!r} is no license that is known here; did you mean {known}?")
+        raise InputError(f"{text!r} is no license that is known here; did you mean {known}?")
     return text
 
 

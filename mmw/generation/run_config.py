@@ -5,6 +5,7 @@ import multiprocessing
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +16,24 @@ from mmw.config.traffic_engine import ENGINES
 from mmw.core.errors import InputError
 from mmw.core.registry import REGISTERED
 from mmw.generation.executors.process_pool import may_use_processes, start_server
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How datasets are generated, whatever their configuration."""
+
+    overwrite: bool = False
+    """Remove the data in the folder and generate it again."""
+    shard: str = "0/1"
+    """Part of each dataset, `i/N`."""
+    accept: Collection[str] = ()
+    """Keys of `mmw.generation.continuation.ACCEPTABLE`: differences from the shards that are there that do not stop a
+    resume."""
+    is_quiet: bool = False
+    """Print nothing."""
+
+
+DEFAULT_OPTIONS = RunOptions()
 
 
 def generate(
@@ -67,14 +86,14 @@ def generate(
     given = {key: value for key, value in options.items() if value is not None}
     found = load_config(config, overrides, given, base=base)
     where, place = base_folder(config, base), place_of(config)
-    how = {"overwrite": overwrite, "accept": accept, "is_quiet": not progress}
+    how = RunOptions(overwrite=overwrite, accept=accept, is_quiet=not progress)
     members = load_sweep(config, overrides, given, base=base)
     if members:
         from mmw.generation.sweep import run_sweep
 
-        run_sweep(members, found.output.dir, where, place, **how)
+        run_sweep(members, found.output.dir, where, place, how)
     else:
-        run_config(found, where, place, **how)
+        run_config(found, where, place, how)
     from mmw.dataset import open_dataset
 
     if members:
@@ -82,26 +101,14 @@ def generate(
     return open_dataset(found.output.dir)
 
 
-def run_config(
-    config: Config,
-    base: Path,
-    place: Path | str,
-    *,
-    overwrite: bool = False,
-    shard: str = "0/1",
-    accept: Collection[str] = (),
-    is_quiet: bool = False,
-) -> None:
+def run_config(config: Config, base: Path, place: Path | str, options: RunOptions = DEFAULT_OPTIONS) -> None:
     """Generate the dataset of a configuration, or a part of it.
 
     Args:
         config: The configuration.
         base: Folder that relative paths of input files start from.
         place: File of the configuration, or words for one that is no file, as messages begin.
-        overwrite: Remove the data in the folder and generate it again.
-        shard: Part of the dataset, `i/N`.
-        accept: Keys of `mmw.generation.continuation.ACCEPTABLE`.
-        is_quiet: Print nothing.
+        options: How.
 
     Raises:
         InputError: If the configuration or a file that it names cannot be used.
@@ -109,35 +116,25 @@ def run_config(
     """
     with in_config(place):
         config.check_single("a run of one")
-    run_datasets([(config, None)], base, place, overwrite=overwrite, shard=shard, accept=accept, is_quiet=is_quiet)
+    run_datasets([(config, None)], base, place, options)
 
 
 def run_datasets(
     datasets: Sequence[tuple[Config, Mapping[str, Any] | None]],
     base: Path,
     place: Path | str,
+    options: RunOptions,
     *,
     begin: Callable[[], None] | None = None,
-    overwrite: bool = False,
-    shard: str = "0/1",
-    accept: Collection[str] = (),
-    is_quiet: bool = False,
 ) -> None:
-    """Generate several datasets, or a part of each, one after the other; all inputs are checked first.
+    """Generate several datasets, or a part of each, one after the other, as `run_config`; inputs are checked first.
 
     Args:
         datasets: Configuration of each, and what `dataset.json` says about its place in a sweep.
         base: Folder that relative paths of input files start from.
-        place: File of the configurations, or words for one that is no file, as messages begin.
+        place: File of the configurations.
+        options: How.
         begin: Called once all inputs have been checked.
-        overwrite: See `run_config`, as the others.
-        shard: Part of each dataset, `i/N`.
-        accept: Keys of `mmw.generation.continuation.ACCEPTABLE`.
-        is_quiet: Print nothing.
-
-    Raises:
-        InputError: If a configuration or a file that it names cannot be used.
-        Error: If the disk or the memory is full, workers die, or a store cannot be reached.
     """
     with in_config(place):
         fitting = [(*_with_fitting_workers(config), sweep) for config, sweep in datasets]
@@ -151,10 +148,11 @@ def run_datasets(
     from mmw.generation.shards import Partition
     from mmw.generation.shared_stages import SharedStages
 
+    accept = options.accept
     if isinstance(accept, str) or not set(accept) <= set(ACCEPTABLE):
         raise InputError(f"accept = {accept!r}: give a list of some of {', '.join(map(repr, ACCEPTABLE))}")
     with in_config(place):
-        part = Partition.parse(shard)
+        part = Partition.parse(options.shard)
         for config, _, _ in fitting:
             output_of(config, part)  # refuses an invalid address
             check_inputs(config, base)
@@ -163,7 +161,7 @@ def run_datasets(
         stages = SharedStages() if len(fitting) > 1 else None
         for _, group in itertools.groupby(fitting, lambda item: item[0].compute):
             with ExitStack() as stack:
-                console = stack.enter_context(Console(is_quiet=is_quiet))
+                console = stack.enter_context(Console(is_quiet=options.is_quiet))
                 executor = None
                 for config, note, sweep in group:
                     executor = executor or stack.enter_context(open_executor(config.compute, console))
@@ -174,7 +172,7 @@ def run_datasets(
                         base=base,
                         executor=executor,
                         part=part,
-                        overwrite=overwrite,
+                        overwrite=options.overwrite,
                         console=console,
                         accepted=frozenset(accept),
                         sweep=sweep,

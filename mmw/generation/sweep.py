@@ -1,35 +1,24 @@
 """Generate the datasets of a sweep, and sum up what they will be."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from mmw.config.load import in_config
 from mmw.config.sweep_members import SweepMember
-from mmw.generation.run_config import describe_config, run_datasets
+from mmw.generation.run_config import DEFAULT_OPTIONS, RunOptions, describe_config, run_datasets
 
 
 def run_sweep(
-    members: Sequence[SweepMember],
-    root: str,
-    base: Path,
-    place: Path | str,
-    *,
-    overwrite: bool = False,
-    shard: str = "0/1",
-    accept: Collection[str] = (),
-    is_quiet: bool = False,
+    members: Sequence[SweepMember], root: str, base: Path, place: Path | str, options: RunOptions = DEFAULT_OPTIONS
 ) -> None:
     """Generate the datasets of a sweep, or a part of each, and write its index; finished ones are left as they are.
 
     Args:
         members: The datasets.
         root: Folder of all, or `s3://bucket/folder`.
-        base: See `mmw.generation.run_config.run_config`, as the others.
+        base: Folder that relative paths of input files start from.
         place: File of the configuration, or words for one that is no file.
-        overwrite: Remove the data of each and generate it again.
-        shard: Part of each dataset, `i/N`.
-        accept: Differences from the shards that are there that do not stop a resume.
-        is_quiet: Print nothing.
+        options: How.
 
     Raises:
         InputError: If a configuration or a file that it names cannot be used, or the folder is one dataset.
@@ -41,12 +30,11 @@ def run_sweep(
         write_index(root, [member.record for member in members])
 
     datasets = [(member.config, member.provenance) for member in members]
-    how = {"overwrite": overwrite, "shard": shard, "accept": accept, "is_quiet": is_quiet}
-    run_datasets(datasets, base, place, begin=begin, **how)
+    run_datasets(datasets, base, place, options, begin=begin)
 
 
 def describe_sweep(members: Sequence[SweepMember], root: str, base: Path, place: Path | str, shard: str = "0/1") -> str:
-    """Return the text of `--dry-run`: a line for each dataset, and the sum.
+    """Return the text of `--dry-run`: a line for each dataset, and the sum; no frame is traced for it.
 
     Raises:
         InputError: As `run_sweep`.
@@ -58,7 +46,7 @@ def describe_sweep(members: Sequence[SweepMember], root: str, base: Path, place:
     frames = rays = size = 0.0
     for member in members:
         with in_config(place):
-            describe_config(member.config, base, place, shard)  # checks it
+            describe_config(member.config, base, place, shard, is_quick=True)  # checks it
             plan = estimate_plan(member.config, base)
         frames, rays, size = frames + member.config.frame_total, rays + plan.rays, size + plan.bytes
         lines.append(

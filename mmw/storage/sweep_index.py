@@ -22,15 +22,13 @@ def read_index(root: Root) -> list[dict[str, Any]]:
     data = store.read(SWEEP)
     if data is None:
         return []
+    place, cure = store.location(SWEEP), "remove it and run the sweep again, which writes it"
     try:
         records = json.loads(data)
-        names = [(record["name"], record["folder"]) for record in records]
-    except (ValueError, TypeError, KeyError) as error:
-        raise InputError(
-            f"{store.location(SWEEP)}: is damaged ({error}); run the sweep again, which writes it"
-        ) from error
-    if not names or not all(_is_inside(folder) and isinstance(name, str) for name, folder in names):
-        raise InputError(f"{store.location(SWEEP)}: names no folders; run the sweep again, which writes it")
+    except (ValueError, RecursionError) as error:  # no JSON, as a whole
+        raise InputError(f"{place}: is damaged ({error}); {cure}") from error
+    if not isinstance(records, list) or not records or not all(map(_is_record, records)):
+        raise InputError(f"{place}: is no list of datasets, each with a name and a folder below; {cure}")
     return records
 
 
@@ -65,6 +63,9 @@ def dataset_roots(root: Root) -> dict[str, str]:
     return {record["name"]: folder_below(store.address, record["folder"]) for record in read_index(store)}
 
 
-def _is_inside(folder: Any) -> bool:
-    """Return whether a folder of an index is one directly below it."""
-    return isinstance(folder, str) and folder not in ("", ".", "..") and "/" not in folder and "\\" not in folder
+def _is_record(record: Any) -> bool:
+    """Return whether a record of an index has a name, and a folder that is directly below the index."""
+    name, folder = (record.get("name"), record.get("folder")) if isinstance(record, dict) else (None, None)
+    if not isinstance(name, str) or not isinstance(folder, str):
+        return False
+    return folder not in ("", ".", "..") and "/" not in folder and "\\" not in folder
