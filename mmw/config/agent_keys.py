@@ -9,7 +9,7 @@ from mmw.core.errors import InputError
 
 Value = TypeVar("Value")
 
-ROLES = ("cav", "rsu")
+AGENT_ROLES = ("cav", "rsu")
 """Roles of agents: connected vehicles and roadside units."""
 
 AgentKey = PrimName
@@ -32,7 +32,7 @@ def check_agents(where: str, keys: Iterable[str], agents: Iterable[str]) -> None
     Raises:
         InputError: If one is neither.
     """
-    known = (*ROLES, *agents)
+    known = (*AGENT_ROLES, *agents)
     for key in keys:
         if key not in known:
             near = get_close_matches(key, known, n=1)

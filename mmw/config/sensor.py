@@ -68,7 +68,7 @@ class SensorConfig(Sampling):
         """Return whether an agent carries the sensor."""
         return role in self.on or name in self.on
 
-    def mount_on(self, role: str, name: str = "") -> MountConfig:
+    def mount_on(self, role: str, name: str) -> MountConfig:
         """Return the mount on an actor, by its name or else its role; the actor's origin where the sensor has none.
 
         A vehicle or a pedestrian that is no agent carries a sensor where a CAV does.

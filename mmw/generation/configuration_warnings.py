@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
-from mmw.config.agent_keys import ROLES
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
@@ -26,7 +26,7 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
     idle = [one for one in config.sensors if one.on and not any(one.is_on(*agent) for agent in agents)]
     if idle:
         keys = sorted({key for sensor in idle for key in sensor.on})
-        wanted = " or ".join(key.upper() if key in ROLES else key for key in keys)
+        wanted = " or ".join(key.upper() if key in AGENT_ROLES else key for key in keys)
         yield f"sensors: there is no {wanted} to carry {', '.join(sensor.name for sensor in idle)}: no rows of them"
     frames = config.frames_of(scenario)
     sampled: list[tuple[str, Sampling]] = [(f"sensors: {sensor.name}", sensor) for sensor in config.sensors]

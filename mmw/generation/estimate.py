@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig, SensorConfig
-from mmw.config.agent_keys import ROLES
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
@@ -214,9 +214,9 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
 def _carriers(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many agents carry a sensor."""
     rsus = {rsu.name for rsu in scenario.rsus}
-    named = [name for name in sensor.on if name not in ROLES]
+    named = [name for name in sensor.on if name not in AGENT_ROLES]
     others = sum(("rsu" if name in rsus else "cav") not in sensor.on for name in named)
-    return sum(counts[role] for role in ROLES if role in sensor.on) + others
+    return sum(counts[role] for role in AGENT_ROLES if role in sensor.on) + others
 
 
 def _paths(channel: ChannelConfig) -> float:

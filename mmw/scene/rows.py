@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.config import Config, SensorConfig
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.lens import USED
 from mmw.config.sampling import UNSET
 from mmw.config.sensor_spec import spec_of
@@ -15,7 +16,7 @@ from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
 from mmw.physics.materials.material import FILE_FIELDS, file_values
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, names, split
+from mmw.scene.table_rows import Columns, choices, names, split
 from mmw.scene.views import mount_pose
 from mmw.storage.schemas import table_spec
 from mmw.storage.table_spec import F64, list_of

@@ -13,9 +13,6 @@ from mmw.scene.scene_data import SceneData
 Columns = dict[str, Any]
 """Columns of one table by name: arrays, Arrow arrays, or one scalar for all rows."""
 
-AGENT_ROLES = ("cav", "rsu")
-"""Roles that carry sensors."""
-
 
 def names(arrays: SceneData, actor: np.ndarray) -> pa.DictionaryArray:
     """Return the names of actors given by their indices."""

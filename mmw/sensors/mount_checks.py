@@ -3,6 +3,7 @@
 import numpy as np
 
 from mmw.config import Config
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.sensor_spec import spec_of
 from mmw.core.errors import InputError
 from mmw.core.transforms import make_pose, normalize, transform_points
@@ -25,7 +26,7 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
     poses = arrays.frame_poses
     for index, actor in enumerate(arrays.actors):
         is_here = np.isfinite(poses[:, index]).all(axis=1)
-        if actor.role not in ("cav", "rsu") or not is_here.any():
+        if actor.role not in AGENT_ROLES or not is_here.any():
             continue
         places = {
             sensor.name: sensor.mount_on(actor.role, actor.name).position_m

@@ -54,12 +54,15 @@ def test_the_index_finds_datasets_by_their_values(swept: Path) -> None:
     assert mmw.connect(swept / "all" / NAMES[3]).execute("SELECT count(*) FROM imu").fetchall() == [(2,)]
 
 
-def test_dry_run_sums_up(swept: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run_sums_up(swept: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    traced: list[object] = []
+    monkeypatch.setattr("mmw.generation.sample_run.sample_scenario", lambda *scenario: traced.append(scenario))
     assert run_own(swept, "none", *FEW, SWEEP, "--dry-run") == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"4 dataset(s) below {swept}/none:" and len(lines) == 6
     assert all(line.startswith(f"  {name}: 4 frames, ") for line, name in zip(lines[1:5], NAMES, strict=True))
     assert lines[5].startswith("total: 16 frames, ") and not (swept / "none").exists()
+    assert not traced
 
 
 def test_status_verify_and_resume_after_an_end(
@@ -136,3 +139,24 @@ def test_datasets_with_the_same_traffic_share_a_stage(tmp_path: Path, monkeypatc
     for name in ("stages/town03_roundabout.usdc", "stages/town03_roundabout.json"):
         assert (shared / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
     assert verify([str(tmp_path / "all")]) == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        ("[{", "is damaged"),
+        ("[" * 100_000, "is damaged"),
+        ("{}", "is no list of datasets"),
+        ("[]", "is no list of datasets"),
+        ("[1]", "is no list of datasets"),
+        ('[{"name": "a"}]', "is no list of datasets"),
+        ('[{"name": "a", "folder": "../b"}]', "is no list of datasets"),
+    ],
+)
+def test_a_damaged_index_is_one_line(
+    tmp_path: Path, content: str, part: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "sweep.json").write_text(content)
+    assert status([str(tmp_path)]) == 2
+    text = capsys.readouterr().err
+    assert f"sweep.json: {part}" in text and "run the sweep again" in text

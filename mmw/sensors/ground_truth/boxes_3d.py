@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr, rotate
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import AGENT_ROLES, Columns, choices, split
+from mmw.scene.table_rows import Columns, choices, split
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian")
 """Actors that have a box."""
