@@ -143,6 +143,8 @@ def make_links(course: Course, kind: str, *, one_frame: bool = False) -> Links:
         kind=np.full(len(frame), LINK_V2I if kind == "v2i" else LINK_V2V, dtype=np.int8),
         tx_actor=tx.astype(np.int32),
         rx_actor=(rx + nodes * frame if one_frame else rx).astype(np.int32),
+        tx_antenna=np.zeros(len(frame), dtype=np.int32),
+        rx_antenna=np.zeros(len(frame), dtype=np.int32),
         tx=ends(tx),
         rx=ends(rx),
     )

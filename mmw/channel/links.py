@@ -14,6 +14,9 @@ LINK_V2I, LINK_V2V = range(2)
 LINK_KINDS = ("v2i", "v2v")
 """Name of each kind."""
 
+_ARRAYS = ("frame", "batch_index", "kind", "tx_actor", "rx_actor", "tx_antenna", "rx_antenna")
+"""Fields of `Links` that are arrays, in their order."""
+
 
 @dataclass(frozen=True)
 class Links:
@@ -29,6 +32,10 @@ class Links:
     """Actor index of the transmitter, shape [L], int32."""
     rx_actor: np.ndarray
     """Actor index of the receiver, shape [L], int32."""
+    tx_antenna: np.ndarray
+    """Antenna of the transmitter, an index into `ChannelConfig.antenna_names`, shape [L], int32."""
+    rx_antenna: np.ndarray
+    """Antenna of the receiver, shape [L], int32."""
     tx: RadioDevices
     rx: RadioDevices
 
@@ -38,7 +45,7 @@ class Links:
     def take(self, rows: np.ndarray) -> "Links":
         """Return some of the links."""
         return Links(
-            *(getattr(self, name)[rows] for name in ("frame", "batch_index", "kind", "tx_actor", "rx_actor")),
+            *(getattr(self, name)[rows] for name in _ARRAYS),
             tx=self.tx.take(rows),
             rx=self.rx.take(rows),
         )
@@ -76,6 +83,8 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
         kind=kind.astype(np.int8),
         tx_actor=tx_actor,
         rx_actor=rx_actor,
+        tx_antenna=np.zeros(len(column), dtype=np.int32),
+        rx_antenna=np.zeros(len(column), dtype=np.int32),
         tx=mounted_antennas(arrays, rows, batch_index, tx_actor, mount[tx_actor]),
         rx=mounted_antennas(arrays, rows, batch_index, rx_actor, mount[rx_actor]),
     )

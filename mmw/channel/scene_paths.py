@@ -323,6 +323,8 @@ class Paths(PathArrays):
             kind=np.zeros(len(pairs), dtype=np.int8),
             tx_actor=tx + np.int32(len(self.receivers)),
             rx_actor=rx,
+            tx_antenna=np.zeros(len(pairs), dtype=np.int32),
+            rx_antenna=np.zeros(len(pairs), dtype=np.int32),
             tx=self.transmitters.state.take(tx),
             rx=self.receivers.state.take(rx),
         )

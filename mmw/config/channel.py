@@ -63,6 +63,11 @@ class ChannelConfig(Sampling):
         return of_agent(self.antenna_position_m, role, name, (0.0, 0.0, 0.0))
 
     @property
+    def antenna_names(self) -> tuple[str, ...]:
+        """Names of the antennas."""
+        return ("antenna",)
+
+    @property
     def is_reciprocal(self) -> bool:
         """True if a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
         return not (self.diffraction or self.diffuse_reflection)

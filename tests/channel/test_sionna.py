@@ -77,6 +77,8 @@ def reference_links(config: dict) -> Links:
         kind=np.zeros(count, dtype=np.int8),
         tx_actor=tx.astype(np.int32),
         rx_actor=rx.astype(np.int32),
+        tx_antenna=np.zeros(count, dtype=np.int32),
+        rx_antenna=np.zeros(count, dtype=np.int32),
         tx=ends(config["tx"], tx),
         rx=ends(config["rx"], rx),
     )

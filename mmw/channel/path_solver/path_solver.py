@@ -211,6 +211,8 @@ class PathSolver:
             kind=np.full(len(t), LINK_V2I, dtype=np.int8),
             tx_actor=tx.number[t],
             rx_actor=rx.number[r],
+            tx_antenna=np.zeros(len(t), dtype=np.int32),
+            rx_antenna=np.zeros(len(t), dtype=np.int32),
             tx=tx.state.take(t),
             rx=rx.state.take(r),
         )
