@@ -228,7 +228,7 @@ def _carriers(sensor: SensorConfig, counts: Mapping[str, int], scenario: Scenari
     rsus = {rsu.name for rsu in scenario.rsus}
     named = [name for name in sensor.on if name not in AGENT_ROLES]
     others = sum(("rsu" if name in rsus else "cav") not in sensor.on for name in named)
-    return sum(counts[role] for role in AGENT_ROLES if role in sensor.on) + others
+    return sum(counts.get(role, 0) for role in AGENT_ROLES if role in sensor.on) + others
 
 
 def _paths(channel: ChannelConfig) -> float:
