@@ -10,9 +10,7 @@ from mmw.channel.paths import PATH_KINDS, PATH_LOS, PathSet
 from mmw.scene.table_rows import Columns, choices
 
 
-def link_rows(
-    agents: Sequence[str], kinds: Sequence[str], links: Links, paths: PathSet, weather: str
-) -> Columns:
+def link_rows(agents: Sequence[str], kinds: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
     """Return the `links` table: every link at every carrier, also those without a path.
 
     `agents` has the names that `tx_actor` and `rx_actor` of the links count, `kinds` those of `kind`.

@@ -68,7 +68,9 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         action=argparse.BooleanOptionalAction,
         help="follow what passes through slabs; channel.refraction by default",
     )
-    result.add_argument("--power", type=float, metavar="DBM", help="power of each transmitter [dBm]; that of its antenna by default")
+    result.add_argument(
+        "--power", type=float, metavar="DBM", help="power of each transmitter [dBm]; its antenna's by default"
+    )
     result.add_argument("--bandwidth", type=float, default=1e6, metavar="HZ", help="bandwidth of the noise [Hz]")
     result.add_argument("--temperature", type=float, default=293.0, metavar="K", help="temperature of the noise [K]")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N; compute.device by default")

@@ -4,12 +4,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from mmw.config.agent_keys import AGENT_ROLES, AgentKey
+from mmw.config.agent_keys import AGENT_ROLES, ROLE_MOUNTS, AgentKey
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig, Mounted, mounts_at
-
-ANTENNA_ROLES = {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)}
-"""Role of an agent -> place of an antenna on it by default [m]; that of the LiDAR."""
 
 
 class AntennaConfig(Mounted):
@@ -25,7 +22,7 @@ class AntennaConfig(Mounted):
     on: tuple[AgentKey, ...] = Field(
         default=AGENT_ROLES, description="agents that carry it: roles, or names of agents (list)"
     )
-    mount: dict[AgentKey, MountConfig] = mounts_at(**ANTENNA_ROLES)
+    mount: dict[AgentKey, MountConfig] = mounts_at(**ROLE_MOUNTS)
     pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
         default="dipole",
         description="element pattern; `tr38901` is a sector that looks along the mount's x, 65 degrees wide (name)",
@@ -33,8 +30,8 @@ class AntennaConfig(Mounted):
     polarization: Literal["V", "H", "VH", "cross"] = Field(
         default="V", description="polarization of each element; `cross` is -45 and +45 degrees (name)"
     )
-    num_rows: int = Field(default=1, ge=1, le=4096, description="elements above each other, along the mount's z (count)")
-    num_cols: int = Field(default=1, ge=1, le=4096, description="elements side by side, along the mount's y (count)")
+    num_rows: int = Field(default=1, ge=1, le=4096, description="elements in a column, along the mount's z (count)")
+    num_cols: int = Field(default=1, ge=1, le=4096, description="elements in a row, along the mount's y (count)")
     vertical_spacing: float = Field(
         default=0.5, gt=0, le=1000, description="distance between rows, in wavelengths of each carrier [wavelengths]"
     )

@@ -53,6 +53,7 @@ class ChannelConfig(Sampling):
     diffuse_samples: int = Field(
         default=1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )
+
     @property
     def antenna_names(self) -> tuple[str, ...]:
         """Names of the antennas."""

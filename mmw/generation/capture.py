@@ -39,13 +39,13 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
             "poses": pose_rows(batch.arrays, frames, batch.motion),
             "boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion)),
         }
+        collect(collected, tables)
         if batch.config.channel.enabled:
             channel = batch.config.channel
             due = channel.is_due(frames, batch.arrays.rate_hz)
             for antenna in channel.antennas:
                 sight = trace_sight(batch.scene, frames, antenna, due)
                 collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
-        collect(collected, tables)
 
 
 def capture_sensors(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:

@@ -50,10 +50,12 @@ def _link_warnings(agents: Sequence[tuple[str, str]], config: Config) -> Iterato
             yield f"channel.antennas: there is no {_carriers(antenna.on)} to carry {antenna.name}: no links of it"
     ends = channel.link_ends(agents)
     roles = Counter(role for role, _ in agents if role in AGENT_ROLES)
-    there = ", ".join(f"{count} {role.upper()}{'s' if count > 1 else ''}" for role, count in roles.items()) or "no agents"
+    there = (
+        ", ".join(f"{count} {role.upper()}{'s' if count > 1 else ''}" for role, count in roles.items()) or "no agents"
+    )
     for kind, rule in enumerate(channel.link_rules):
         if not any(end.kind == kind for end in ends):
-            yield f"channel.links has {rule.name}, but there are {there}: no such link"
+            yield f"channel.links has {rule.name}, but the scenario has {there}: no such link"
 
 
 def _carriers(keys: Iterable[str]) -> str:

@@ -219,7 +219,7 @@ def _agents(scenario: ScenarioConfig, counts: Mapping[str, int]) -> list[tuple[s
     return [
         (role, names[role][number] if role in names else f"{role}_{number + 1}")
         for role in AGENT_ROLES
-        for number in range(counts[role])
+        for number in range(counts.get(role, 0))
     ]
 
 
