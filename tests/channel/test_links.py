@@ -3,12 +3,16 @@
 import numpy as np
 import pytest
 
+from mmw.channel import apply_arrays, array_from_row, rows_from_paths
 from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.radio_map.transmitters import actor_transmitters
-from mmw.config import AntennaConfig, ChannelConfig, LinkRule, MountConfig
+from mmw.config import AntennaConfig, ChannelConfig, Config, LinkRule, MountConfig, ScenarioConfig
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.errors import InputError
+from mmw.core.transforms import quaternion_to_matrix
+from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
 from tests.fixtures.antennas import antenna_at
 from tests.fixtures.scenes import arrays_from_parts, ground_part, pose, wall_part
@@ -163,3 +167,32 @@ def test_transmitters_of_a_map_are_the_antennas(street: SceneData) -> None:
     np.testing.assert_allclose(found.rotation[:, 2, 0], -down, atol=1e-12)
     assert actor_transmitters(street, 0, antennas=antennas, power_dbm=10).power_dbm.tolist() == [10.0] * 3
     assert actor_transmitters(street, 0, antennas=antennas, roles=("cav",)).names == ("cav_1", "cav_2")
+
+
+def test_arrays_of_rows_give_the_stored_coefficients(street: SceneData) -> None:
+    """Patterns, arrays and downtilt come back from table `sensors`: first elements have the coefficients of the run."""
+    antennas = sectors(num_rows=2, num_cols=4, polarization="cross", power_dbm=30.0)
+    channel = ChannelConfig(carriers_hz=(CARRIER_HZ,), antennas=antennas, candidates="exhaustive", max_depth=1)
+    config = Config(scenarios=[ScenarioConfig(name="s", stage="s.usda")], sensors=[], channel=channel)
+    columns = static_rows(street, config)["sensors"]
+    rows = [{key: list(values)[n] for key, values in columns.items()} for n in range(len(columns["agent"]))]
+    found = {(row["agent"], row["sensor"]): array_from_row(row) for row in rows}
+    assert sorted(found) == [("cav_1", "roof"), ("cav_2", "roof"), *(("rsu_1", f"sector_{n}") for n in (1, 2, 3))]
+    assert found["rsu_1", "sector_1"].antenna_count == 16
+    links = make_links(street, [0], channel)
+    paths = solve_paths(loaded(street, "cpu", [0]), links, channel, street.materials)
+    turn = quaternion_to_matrix(street.poses[0, :, 3:])  # of the agents, as table `poses` has them
+    for number in range(len(links)):
+        link = links.take(np.array([number]))
+        own = paths.link == number
+        alone = solve_paths(loaded(street, "cpu", [0]), link, channel, street.materials)
+        one = rows_from_paths(link, alone, "sunny", CARRIER_HZ)
+        tx, rx = link.tx_actor[0], link.rx_actor[0]
+        sector = found["rsu_1", channel.antenna_names[link.tx_antenna[0]]]
+        roof = found[street.actors[rx].name, "roof"]
+        a = apply_arrays(one, sector, roof, CARRIER_HZ, turn[tx], turn[rx])
+        assert a.shape == (own.sum(), 1, 16)
+        middle = np.abs(a[:, 0, :8]).mean(axis=1)  # elements of the first polarization differ by phases only
+        np.testing.assert_allclose(middle, np.abs(paths.a["sunny"][own, 0]), rtol=1e-9, atol=1e-18)
+    with pytest.raises(InputError, match="a row of an antenna is needed"):
+        array_from_row({"type": "lidar"})

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.antennas.arrays import ROW_KEYS, PlanarArray
 from mmw.channel.antennas.patterns import antenna_field, slant_angles
 from mmw.channel.links import Links
 from mmw.config import ChannelConfig
@@ -97,8 +97,7 @@ class LinkElements:
 
 def configured_array(antenna: AntennaConfig) -> PlanarArray:
     """Return the array of a configured antenna, in the axes of its mount."""
-    names = ("pattern", "polarization", "num_rows", "num_cols", "vertical_spacing", "horizontal_spacing")
-    return PlanarArray(**{name: getattr(antenna, name) for name in names})
+    return PlanarArray(**{name: getattr(antenna, name) for name in ROW_KEYS})
 
 
 def configured_elements(config: ChannelConfig, links: Links) -> LinkElements:
