@@ -1,8 +1,11 @@
 """Choose what an agent has: by its own name, or by its role."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TypeVar
+from typing import Annotated, TypeVar
+
+from pydantic import Field
 
 from mmw.config.section import PrimName
 from mmw.core.errors import InputError
@@ -29,6 +32,36 @@ AgentKey = PrimName
 """A role, or the name of an agent, such as `cav_2`."""
 
 
+SensorKey = Annotated[str, Field(pattern=r"^((model|label):)?[A-Za-z][A-Za-z0-9_]*$", max_length=70)]
+"""An `AgentKey`, or `model:` or `label:` with the vehicle model or semantic class of an agent, as in `label:bus`."""
+
+MODEL, LABEL = "model:", "label:"
+"""Prefixes of keys that go by the model and the semantic class of an agent."""
+
+
+@dataclass(frozen=True)
+class AgentIdentity:
+    """What an agent can be chosen by."""
+
+    role: str
+    name: str
+    model: str = ""
+    """Vehicle model, such as `city_bus`; empty if it is not known."""
+    label: str = ""
+    """Semantic class, such as `bus`; empty if it is not known."""
+
+    @property
+    def identity(self) -> tuple[str, str, str, str]:
+        """Role, name, model and class."""
+        return (self.role, self.name, self.model, self.label)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys that choose the agent, the most specific first: name, model, class, role."""
+        kinds = (MODEL + self.model, LABEL + self.label) if self.role in AGENT_ROLES else ()
+        return (self.name, *kinds, self.role)
+
+
 def of_agent(values: Mapping[str, Value], role: str, name: str, default: Value) -> Value:
     """Return the value of an agent: that of its name, else that of its role."""
     return values.get(name, values.get(role, default))
@@ -47,7 +80,7 @@ def check_agents(where: str, keys: Iterable[str], agents: Iterable[str]) -> None
     """
     known = (*AGENT_ROLES, *agents)
     for key in keys:
-        if key not in known:
+        if key not in known and not key.startswith((MODEL, LABEL)):  # those need the vehicle models and stages
             near = get_close_matches(key, known, n=1)
             cure = f"did you mean `{near[0]}`?" if near else f"there are {', '.join(known)}"
             raise InputError(f"{where} names {key!r}, which is no role and no agent; {cure}")

@@ -144,9 +144,11 @@ class Config(Section):
         engines = [scenario.traffic.engine if scenario.traffic else "" for scenario in self.scenarios]
         if not {*engines} <= {"idm", "sumo", "replay"}:
             return None
-        cavs = max(len(one.traffic.cav_ids or one.traffic.cav_ranks) for one in self.scenarios if one.traffic)
-        rsus = dict.fromkeys(rsu.name for scenario in self.scenarios for rsu in scenario.rsus)
-        return (*(f"cav_{number + 1}" for number in range(cavs)), *rsus)
+        cavs = max(one.traffic.cav_count for one in self.scenarios if one.traffic)
+        vrus = max(one.traffic.vru_count for one in self.scenarios if one.traffic)
+        placed = dict.fromkeys(name for scenario in self.scenarios for name in scenario.placed_names)
+        numbered = [f"{role}_{number + 1}" for role, count in (("cav", cavs), ("vru", vrus)) for number in range(count)]
+        return (*numbered, *placed)
 
     def check_single(self, use: str) -> None:
         """Check that this is the configuration of one dataset.

@@ -22,7 +22,7 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
         yield f"channel.links has v2i, but there are {cavs} CAVs and {rsus} RSUs: no such link"
     if "v2v" in links and cavs < 2:
         yield f"channel.links has v2v, but there is {cavs} CAV: no such link"
-    agents = [(actor.role, actor.name) for actor in arrays.actors]
+    agents = [actor.identity for actor in arrays.actors]
     idle = [one for one in config.sensors if one.on and not any(one.is_on(*agent) for agent in agents)]
     if idle:
         keys = sorted({key for sensor in idle for key in sensor.on})

@@ -141,7 +141,7 @@ def actor_transmitters(
     Args:
         arrays: The scene.
         frame: Frame number.
-        role: `rsu` or `cav`.
+        role: Role of agents, such as `rsu`.
         mount_m: Antenna in the actor's frame [m].
         array: Antennas; one vertical short dipole by default.
         power_dbm: Transmit power of each [dBm]; the default is Sionna RT's.

@@ -7,7 +7,7 @@ import numpy as np
 from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
-from mmw.config.agent_keys import of_agent
+from mmw.config.agent_keys import AgentIdentity, of_agent
 from mmw.config.sensor_spec import Camera, spec_of
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.transforms import IDENTITY_POSE, compose
@@ -25,7 +25,7 @@ APERTURE_MM = 20.955
 def write_sensors(
     layer: Sdf.Layer,
     agent_path: str,
-    role: str,
+    agent: AgentIdentity,
     sensors: Sequence[SensorConfig],
     antenna_position_m: Mapping[str, Sequence[float]],
     frame_rate_hz: int = FRAME_RATE_HZ,
@@ -34,18 +34,17 @@ def write_sensors(
 
     Args:
         layer: The layer.
-        agent_path: The agent's prim, which has its name.
-        role: `cav` or `rsu`; sensors that the agent does not carry are left out.
+        agent_path: The agent's prim.
+        agent: Role, name, model and class; sensors that the agent does not carry are left out.
         sensors: The configured sensors.
         antenna_position_m: Role, or name of an agent -> antenna in its frame [m]; no antenna prim for others.
         frame_rate_hz: Frames a second, the rate of a sensor that has none of its own.
     """
-    name = agent_path.rsplit("/", 1)[1]
     define(layer, f"{agent_path}/Sensors", "Scope")
     for sensor in sensors:
-        if not sensor.is_on(role, name):
+        if not sensor.is_on(*agent.identity):
             continue
-        pose = mount_pose(sensor, role, name)
+        pose = mount_pose(sensor, *agent.identity)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")
@@ -59,7 +58,7 @@ def write_sensors(
             sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True
         )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
-    antenna = of_agent(antenna_position_m, role, name, None)
+    antenna = of_agent(antenna_position_m, agent.role, agent.name, None)
     if antenna is not None:
         prim = define(layer, f"{agent_path}/Sensors/antenna")
         place(prim, np.concatenate([antenna, IDENTITY_POSE[3:]]))

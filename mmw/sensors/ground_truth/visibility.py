@@ -69,7 +69,7 @@ def trace_sight(
     Args:
         scene: Town and vehicles, with the frames loaded.
         frames: Frames of the batch.
-        antenna_position_m: Role (`cav`, `rsu`), or name of an agent -> antenna in its frame [m].
+        antenna_position_m: Role, or name of an agent -> antenna in its frame [m].
         due: Frames that are looked at, shape of `frames`, bool; None for all of them.
     """
     arrays = scene.arrays
