@@ -78,6 +78,11 @@ class TrafficConfig(Section):
     signals: bool = Field(
         default=False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
     )
+    driving_weather: Name | None = Field(
+        default=None,
+        description="weather, one of `weathers` or a preset, in which drivers are slower and keep more distance; every "
+        "weather of the dataset shows this drive; engines idm and sumo (name)",
+    )
     pedestrian_count: int = Field(default=0, ge=0, le=500, description="people walking on the sidewalks (count)")
     vru_ranks: tuple[int, ...] = Field(
         default=(),
@@ -106,7 +111,7 @@ class TrafficConfig(Section):
     @model_serializer(mode="wrap")
     def _without_new_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out keys that are not used, so that configurations of before there were such keep their hash."""
-        return without_empty(handler(self), "vru_ranks", "cyclist_count", "vru_cyclist_ranks")
+        return without_empty(handler(self), "vru_ranks", "cyclist_count", "vru_cyclist_ranks", "driving_weather")
 
     @property
     def cav_count(self) -> int:

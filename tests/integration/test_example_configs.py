@@ -121,8 +121,12 @@ def test_pedestrian_with_phone(tmp_path: Path) -> None:
     assert boxes == {"cav_1": "car", "vru_1": "pedestrian", "vru_2": "pedestrian", "vru_3": "bicycle"}
     for table in ("imu", "gnss"):
         assert {row["agent"] for row in data.read(table, columns=["agent"]).to_pylist()} == {"vru_1", "vru_2", "vru_3"}
-    links = {(row["agent"], row["peer"]): row["gain_db"] for row in data.read("links").to_pylist()}
-    assert links["cav_1", "rsu_1"] > -100.0
+    links = {(row["link"], row["peer"], row["agent"]): row for row in data.read("links").to_pylist()}
+    phones = ("vru_1", "vru_2", "vru_3")
+    wanted = {(link, peer, phone) for link, peer in (("i2p", "rsu_1"), ("v2p", "cav_1"), ("downlink", "bs_1"))
+              for phone in phones}  # fmt: skip
+    assert set(links) == wanted | {("d2d", one, other) for one in phones for other in phones if one != other}
+    assert any(row["is_los"] for row in links.values()) and any(row["path_count"] for row in links.values())
     assert all(
         row["is_los"] is not None for row in data.read("box_visibility").to_pylist() if row["sensor"] == "antenna"
     )
@@ -138,3 +142,5 @@ def test_drone(tmp_path: Path) -> None:
     (box,) = [row for row in data.read("boxes").to_pylist() if row["agent"] == "uav_1"]
     assert box["category"] == "dynamic" and box["length"] < 0.6
     assert {row["agent"] for row in data.read("rgb", columns=["agent"]).to_pylist()} == {"uav_1"}
+    for row in data.read("links").to_pylist():
+        assert (row["link"], row["peer"], row["agent"], row["is_los"]) == ("a2g", "rsu_1", "uav_1", True)
