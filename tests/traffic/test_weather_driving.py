@@ -50,7 +50,7 @@ def test_a_configuration_names_the_weather() -> None:
 
 
 def test_traffic_in_rain_is_slower_with_the_same_people_at_the_same_places() -> None:
-    sun = demand(crossroad(), vehicle_count=2, frame_count=300, warmup_s=1.0)
+    sun = demand(crossroad(), vehicle_count=1, frame_count=600, warmup_s=1.0)
     assert sun.drivers == (1.0, 1.0)
     rain = replace(sun, drivers=DriverFactors(0.9, 1.2))
     starts = [draw_starts(one, frozenset(sun.town.lanes.lanes)) for one in (sun, rain)]
@@ -59,5 +59,5 @@ def test_traffic_in_rain_is_slower_with_the_same_people_at_the_same_places() -> 
     tracks = [simulate_traffic(one).tracks for one in (sun, rain)]
     for fair, wet in zip(*tracks, strict=True):
         assert (fair.name, fair.model, fair.paint) == (wet.name, wet.model, wet.paint)
-    ways = [sum(np.linalg.norm(np.diff(one.poses[:, :2], axis=0), axis=1).sum() for one in some) for some in tracks]
-    assert 0.9 * ways[0] < ways[1] < 0.99 * ways[0]  # bends slow all of them alike
+    ahead = tracks[0][0].poses[:, 0] - tracks[1][0].poses[:, 0]  # the vehicle drives east, then turns
+    assert (ahead > 0.0).all() and ahead[0] > 1.0
