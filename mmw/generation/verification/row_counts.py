@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from mmw.channel.tables import LINKS, PATH_GAINS, PATH_GEOMETRY
 from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
 from mmw.storage.row_checks import SHARD, Names
@@ -23,8 +24,9 @@ KEY_OF = {
     "frames": ("frame",),
     "poses": ("frame", "role"),
     "boxes": ("frame",),
-    "links": ("frame", "agent", "peer", "carrier_hz"),
-    "paths": ("frame", "agent", "peer", "carrier_hz"),
+    "links": LINKS.key,
+    "path_geometry": PATH_GEOMETRY.key,
+    "path_gains": PATH_GAINS.key,
     "box_visibility": ("frame", "agent", "sensor", "object_id"),
 }
 """Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
@@ -41,24 +43,26 @@ COLUMNS = {
 
 TYPES = {
     SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.int32(), "peer": pa.int32(), "sensor": pa.int32(),
-    "role": pa.int32(), "object_id": pa.int32(), "carrier_hz": pa.float64(), "pixels": pa.int64(),
+    "antenna": pa.int32(), "peer_antenna": pa.int32(), "role": pa.int32(), "object_id": pa.int32(),
+    "carrier": pa.int32(), "path": pa.int32(), "pixels": pa.int64(),
     "path_count": pa.int64(), "cav_count": pa.int64(), "rsu_count": pa.int64(), "vehicle_count": pa.int64(),
     "pedestrian_count": pa.int64(), COUNT: pa.int64(),
 }  # fmt: skip
 """Column -> type in which it is compared; names are numbers, see `Names`."""
 
-TEXTS = ("agent", "peer", "sensor", "role", "weather")
+TEXTS = ("agent", "peer", "antenna", "peer_antenna", "sensor", "role", "weather")
 """Columns of names."""
 
 
 def count_rows(
-    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int
+    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int
 ) -> Iterator[tuple[str, int, str]]:
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
     Args:
         config: Configuration of the dataset.
         frames: Frames of each shard; none for a shard that is not to be compared.
+        with_geometry: Whether each shard has the tables that are the same in every weather.
         tables: Their rows.
         names: Names whose numbers they hold.
         rate_hz: Frames a second.
@@ -66,7 +70,7 @@ def count_rows(
     Yields:
         Table, index of a shard, and what is wrong with it.
     """
-    for table, expected in _expected(config, frames, tables, names, rate_hz):
+    for table, expected in _expected(config, frames, with_geometry, tables, names, rate_hz):
         key = KEY_OF.get(table, SAMPLE_KEY)
         for shard, text in _differences(expected, _select(tables, table, (SHARD, *key)), names):
             yield table, shard, text
@@ -96,7 +100,7 @@ def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[
 
 
 def _expected(
-    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int
+    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int
 ) -> Iterator[tuple[str, pa.Table]]:
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
@@ -115,7 +119,10 @@ def _expected(
     if config.channel.enabled:
         yield "links", _links(config, traced, names)
         links = _select(tables, "links", (SHARD, *KEY_OF["links"], "path_count"))
-        yield "paths", _counted({name: links[name] for name in (SHARD, *KEY_OF["paths"])}, links["path_count"])
+        yield "path_gains", _paths(links, "path_gains")
+        is_first = pc.equal(links["carrier"], 0)
+        has = pc.is_in(links[SHARD], pa.array(np.flatnonzero(with_geometry), TYPES[SHARD]))
+        yield "path_geometry", _paths(links.filter(pc.and_(is_first, has)), "path_geometry")
 
 
 def _counted(columns: Mapping[str, Any], count: Any) -> pa.Table:
@@ -176,8 +183,17 @@ def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Tabl
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
+def _paths(links: pa.Table, table: str) -> pa.Table:
+    """Return the rows of a table of paths: those of each link are numbered from 0."""
+    count = np.maximum(links["path_count"].to_numpy(), 0)
+    rows = links.take(pa.array(np.repeat(np.arange(len(count)), count)))
+    path = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    rows = rows.append_column("path", pa.array(path).cast(TYPES["path"]))
+    return _with(rows.select([SHARD, *KEY_OF[table]]), COUNT, 1)
+
+
 def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
-    """Return the rows of `links`: from each peer to each CAV, for each carrier."""
+    """Return the rows of `links`: from each antenna of each peer to each of each CAV, for each carrier."""
     agents = traced.select([SHARD, "frame", "agent", "role"])
     peers = agents.rename_columns([SHARD, "frame", "peer", "kind"])
     cavs = agents.filter(pc.equal(agents["role"], names.number("cav")))
@@ -186,5 +202,12 @@ def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
     kinds = pc.if_else(pc.equal(pairs["kind"], names.number("rsu")), "v2i", "v2v")
     pairs = pairs.filter(pc.is_in(kinds, pa.array(config.channel.links, pa.string())))
     columns = [SHARD, *KEY_OF["links"], COUNT]
-    carriers = config.channel.carriers_hz
-    return pa.concat_tables(_with(_with(pairs, "carrier_hz", each), COUNT, 1).select(columns) for each in carriers)
+    antennas = [names.number(name) for name in config.channel.antenna_names]
+    return pa.concat_tables(
+        _with(_with(_with(_with(pairs, "antenna", one), "peer_antenna", other), "carrier", carrier), COUNT, 1).select(
+            columns
+        )
+        for one in antennas
+        for other in antennas
+        for carrier in range(len(config.channel.carriers_hz))
+    )

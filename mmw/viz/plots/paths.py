@@ -94,12 +94,12 @@ def plot_paths(
 
 
 def find_link(frame: Frame, tx: str, rx: str, carrier_hz: float | None) -> Link:
-    """Return a link of a frame.
+    """Return a link of a frame, between the first antennas of both ends.
 
     Raises:
         InputError: If there is no such link, or no such carrier.
     """
-    known = {(link.peer, link.agent, link.carrier_hz): link for link in frame.links}
+    known = {(link.peer, link.agent, link.carrier_hz): link for link in reversed(frame.links)}
     where = f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather}"
     return known[tx, rx, choose_carrier(where, list(known), tx, rx, carrier_hz)]
 

@@ -41,7 +41,7 @@ class RadioLogger:
     def log(self, frame: Frame) -> None:
         """Log one frame; paths that are gone are cleared, and series of links that are gone have a gap."""
         found = [link for link in frame.links if link.agent in self.scope.agents]
-        beams = best_beams(frame, found, self.search) if self.search and "paths" in self.scope.data.tables else {}
+        beams = best_beams(frame, found, self.search) if self.search and "paths" in self.scope.data.views else {}
         shown, there = set(), set()
         for link in found:
             name = (link.carrier_hz, link.agent, link.peer)
