@@ -9,8 +9,21 @@ from mmw.core.errors import InputError
 
 Value = TypeVar("Value")
 
-AGENT_ROLES = ("cav", "rsu")
-"""Roles of agents: connected vehicles and roadside units."""
+AGENT_ROLES = ("cav", "rsu", "vru", "uav", "bs")
+"""Roles of agents: connected vehicles, roadside units, connected vulnerable road users, drones and base stations.
+
+Source: V-ITS-S, R-ITS-S and VRU of ETSI EN 302 665 and TS 103 300-2; aerial UE of 3GPP TR 36.777; BS of TR 38.901.
+"""
+
+ROLE_MOUNTS: Mapping[str, tuple[float, float, float]] = {
+    "cav": (0.0, 0.0, 2.5),
+    "rsu": (0.0, 0.0, 4.0),
+    "vru": (0.2, 0.0, 1.2),
+    "uav": (0.0, 0.0, -0.15),
+    "bs": (0.0, 0.0, 3.0),
+}
+"""Role -> place in the open on an agent, in its frame, x forward, y left, z up [m]: on the roof, on the pole, a phone
+held in front of the chest, below the drone, on a mast. Design values."""
 
 AgentKey = PrimName
 """A role, or the name of an agent, such as `cav_2`."""

@@ -78,9 +78,12 @@ class Config(Section):
         sensors = [sensor.name for sensor in self.sensors]
         if len(set(sensors)) != len(sensors):
             raise InputError(f"sensors are named {sensors}; give each its own name")
-        prims = [name.replace("-", "_") for name in sensors]  # their names in the USD stage, beside the antenna
-        if len(set(prims) | {"antenna"}) != len(prims) + 1:
-            raise InputError(f"sensors are named {sensors}; `antenna` is taken, and `-` counts as `_`; rename one")
+        names = [*sensors, *self.channel.antenna_names]
+        if len({name.replace("-", "_") for name in names}) != len(names):  # their names in the USD stage
+            raise InputError(
+                f"sensors are named {', '.join(sensors)}, and antennas {', '.join(self.channel.antenna_names)}; each "
+                "needs a name of its own, and `-` counts as `_`; rename one"
+            )
         if not self.weathers:
             raise InputError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):
@@ -95,7 +98,13 @@ class Config(Section):
         for index, sensor in enumerate(self.sensors):
             check_agents(f"sensors[{index}].on", sensor.on, agents)
             check_agents(f"sensors[{index}].mount", sensor.mount, agents)
-        check_agents("channel.antenna_position_m", self.channel.antenna_position_m, agents)
+        for index, antenna in enumerate(self.channel.antennas):
+            check_agents(f"channel.antennas[{index}].on", antenna.on, agents)
+            check_agents(f"channel.antennas[{index}].mount", antenna.mount, agents)
+        for index, rule in enumerate(self.channel.links):
+            if not isinstance(rule, str):
+                check_agents(f"channel.links[{index}].tx", rule.tx, agents)
+                check_agents(f"channel.links[{index}].rx", rule.rx, agents)
         return self
 
     @model_validator(mode="after")

@@ -44,11 +44,9 @@ def mounts_at(**position_m: Vec3) -> Any:
     )
 
 
-class SensorConfig(Sampling):
-    """One sensor of an agent: the base of every sensor's section."""
+class Mounted(Section):
+    """A section of what agents carry: which agents, and where on them."""
 
-    type: str
-    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
     on: tuple[AgentKey, ...] = Field(description="agents that carry it: roles `cav`, `rsu`, or names (list)")
     mount: dict[AgentKey, MountConfig] = mounts_at()
 
@@ -65,12 +63,19 @@ class SensorConfig(Sampling):
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
     def is_on(self, role: str, name: str) -> bool:
-        """Return whether an agent carries the sensor."""
+        """Return whether an agent carries it."""
         return role in self.on or name in self.on
 
     def mount_on(self, role: str, name: str) -> MountConfig:
-        """Return the mount on an actor, by its name or else its role; the actor's origin where the sensor has none.
+        """Return the mount on an actor, by its name or else its role; the actor's origin where there is none.
 
-        A vehicle or a pedestrian that is no agent carries a sensor where a CAV does.
+        A vehicle or a pedestrian that is no agent carries it where a CAV does.
         """
         return of_agent(self.mount, "cav" if role in ("vehicle", "pedestrian") else role, name, MountConfig())
+
+
+class SensorConfig(Sampling, Mounted):
+    """One sensor of an agent: the base of every sensor's section."""
+
+    type: str
+    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")

@@ -67,8 +67,8 @@ def check_inputs(config: Config, base: Path) -> None:
         problems += unknown_entries(f"{where}: materials", scenario.materials, known)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
-                f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
-                "channel.links: [v2v]"
+                f"{where}: channel.links = {list(config.channel.link_names)} has v2i but there are no rsus; add one, "
+                "or use channel.links: [v2v]"
             )
     if problems:
         raise ConfigError(problems)
@@ -204,11 +204,12 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
-        senders, links = 0.0, 0
-        if "v2i" in channel.links:
-            senders, links = float(counts["rsu"]), counts["rsu"] * counts["cav"]
-        if "v2v" in channel.links and counts["cav"] > 1:
-            senders, links = senders + half * counts["cav"], links + counts["cav"] * (counts["cav"] - 1)
+        ends = channel.link_ends(_agents(scenario, counts))
+        mutual = {(end.tx, end.rx) for end in ends} & {(end.rx, end.tx) for end in ends}
+        links, senders = len(ends), 0.0
+        for tx, tx_antenna in {(end.tx, end.tx_antenna) for end in ends}:
+            own = [(end.tx, end.rx) for end in ends if (end.tx, end.tx_antenna) == (tx, tx_antenna)]
+            senders += half if mutual.issuperset(own) else 1.0
         if channel.candidates == "launch":
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * GAIN_BYTES)
@@ -217,12 +218,23 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     return rays, size
 
 
+def _agents(scenario: ScenarioConfig, counts: Mapping[str, int]) -> list[tuple[str, str]]:
+    """Return role and name of each agent; those of a stage have names that nothing else uses."""
+    rsus = [rsu.name for rsu in scenario.rsus]
+    names = {"rsu": [*rsus, *(f"rsu.{number}" for number in range(counts["rsu"] - len(rsus)))]}
+    return [
+        (role, names[role][number] if role in names else f"{role}_{number + 1}")
+        for role in AGENT_ROLES
+        for number in range(counts.get(role, 0))
+    ]
+
+
 def _carriers(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many agents carry a sensor."""
     rsus = {rsu.name for rsu in scenario.rsus}
     named = [name for name in sensor.on if name not in AGENT_ROLES]
     others = sum(("rsu" if name in rsus else "cav") not in sensor.on for name in named)
-    return sum(counts[role] for role in AGENT_ROLES if role in sensor.on) + others
+    return sum(counts.get(role, 0) for role in AGENT_ROLES if role in sensor.on) + others
 
 
 def _paths(channel: ChannelConfig) -> float:

@@ -149,7 +149,7 @@ class RowRegenerator:
     def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Batch:
         """Return the batch of a scenario that traces only what a table's rows need, one frame at a time."""
         named = {section.name: section for section in self.config.sensors if section.type in types_that_fill(table)}
-        if sensor is not None and sensor not in named and sensor != "antenna":
+        if sensor is not None and sensor not in named and sensor not in self.config.channel.antenna_names:
             raise InputError(
                 f"sensor = {sensor}: table {table} has {', '.join(named) or 'none'} in this dataset; name one"
             )

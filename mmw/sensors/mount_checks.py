@@ -34,7 +34,9 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
             if sensor.is_on(actor.role, actor.name) and spec_of(sensor).needs_clear_view
         }
         if config.channel.enabled:
-            places["antenna"] = config.channel.antenna_on(actor.role, actor.name)
+            for antenna in config.channel.antennas:
+                if antenna.is_on(actor.role, actor.name):
+                    places[antenna.name] = antenna.mount_on(actor.role, actor.name).position_m
         if not places:
             continue
         row = int(np.argmax(is_here))

@@ -13,6 +13,7 @@ from mmw.channel.rows import path_gain_rows, path_geometry_rows
 from mmw.channel.tables import PATH_GAINS, PATH_GEOMETRY, PATHS
 from mmw.core.errors import InputError
 from mmw.storage.arrow_tables import table_from_columns
+from tests.fixtures.antennas import antenna_at
 from tests.oracles.channel import channel, driving, solve, traffic
 from tests.oracles.path_rows import path_rows, path_table
 
@@ -25,7 +26,7 @@ def solved() -> tuple[Links, PathSet]:
     """Return links of two frames, both kinds, two carriers, with made-up antennas, and their paths."""
     arrays = traffic(driving(np.arange(4) * 0.01))
     places = {"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)}
-    links, paths = solve(arrays, channel(links=("v2i", "v2v"), antenna_position_m=places), "cpu", [1, 2])
+    links, paths = solve(arrays, channel(links=("v2i", "v2v"), antennas=antenna_at(places)), "cpu", [1, 2])
     number = np.arange(len(links))
     links = replace(links, tx_antenna=number % 2, rx_antenna=1 + number % 2)
     assert len(paths.carriers_hz) == 2 and len(paths) > 12

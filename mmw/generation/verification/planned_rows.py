@@ -131,7 +131,8 @@ class PlannedRows:
         for scenario, tables in self.seen.static.items():
             agents = self.seen.agents[scenario]
             mounted = {(agent, one.name) for agent, role in agents for one in config.sensors if one.is_on(role, agent)}
-            antennas = {(agent, "antenna") for agent, _ in agents if config.channel.enabled}
+            own = config.channel.antennas if config.channel.enabled else ()
+            antennas = {(agent, one.name) for agent, role in agents for one in own if one.is_on(role, agent)}
             needed = {
                 ("sensors", "agent", "sensor"): mounted | antennas,
                 ("objects", "object_id"): {(number,) for number in self.seen.objects[scenario]},

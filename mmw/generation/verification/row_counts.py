@@ -179,7 +179,10 @@ def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Tabl
         own = traced.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
         pairs = own.join(boxes, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
         pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
-        parts.append(_with(pairs, "sensor", names.number("antenna")))
+        for antenna in config.channel.antennas:
+            carriers = [name for role, name in _agents(traced, names) if antenna.is_on(role, name)]
+            on = pc.is_in(pairs["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
+            parts.append(_with(pairs.filter(on), "sensor", names.number(antenna.name)))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
@@ -193,21 +196,28 @@ def _paths(links: pa.Table, table: str) -> pa.Table:
 
 
 def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
-    """Return the rows of `links`: from each antenna of each peer to each of each CAV, for each carrier."""
-    agents = traced.select([SHARD, "frame", "agent", "role"])
-    peers = agents.rename_columns([SHARD, "frame", "peer", "kind"])
-    cavs = agents.filter(pc.equal(agents["role"], names.number("cav")))
-    pairs = cavs.join(peers, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
-    pairs = pairs.filter(pc.not_equal(pairs["agent"], pairs["peer"]))
-    kinds = pc.if_else(pc.equal(pairs["kind"], names.number("rsu")), "v2i", "v2v")
-    pairs = pairs.filter(pc.is_in(kinds, pa.array(config.channel.links, pa.string())))
+    """Return the rows of `links`: those that the configuration's rules make of the agents that are there."""
+    here = traced.select([SHARD, "frame", "agent"])
+    agents = _agents(traced, names)
+    ends = config.channel.link_ends(agents)
+    antennas = config.channel.antenna_names
+    columns = {
+        "agent": [agents[end.rx][1] for end in ends],
+        "peer": [agents[end.tx][1] for end in ends],
+        "antenna": [antennas[end.rx_antenna] for end in ends],
+        "peer_antenna": [antennas[end.tx_antenna] for end in ends],
+    }
+    pairs = pa.table({name: pa.array(names.numbers(texts), TYPES[name]) for name, texts in columns.items()})
+    pairs = here.join(pairs, keys="agent", join_type="inner", use_threads=False)
+    peers = here.rename_columns([SHARD, "frame", "peer"])
+    pairs = pairs.join(peers, keys=[SHARD, "frame", "peer"], join_type="left semi", use_threads=False)
     columns = [SHARD, *KEY_OF["links"], COUNT]
-    antennas = [names.number(name) for name in config.channel.antenna_names]
-    return pa.concat_tables(
-        _with(_with(_with(_with(pairs, "antenna", one), "peer_antenna", other), "carrier", carrier), COUNT, 1).select(
-            columns
-        )
-        for one in antennas
-        for other in antennas
-        for carrier in range(len(config.channel.carriers_hz))
-    )
+    carriers = range(len(config.channel.carriers_hz))
+    return pa.concat_tables(_with(_with(pairs, "carrier", each), COUNT, 1).select(columns) for each in carriers)
+
+
+def _agents(poses: pa.Table, names: Names) -> list[tuple[str, str]]:
+    """Return role and name of each agent of some poses."""
+    rows = poses.group_by(["role", "agent"], use_threads=False).aggregate([])
+    roles, agents = ([names.texts[number] for number in rows[name].to_pylist()] for name in ("role", "agent"))
+    return [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]

@@ -18,6 +18,7 @@ import numpy as np
 from pxr import Sdf
 
 from mmw.config import SensorConfig
+from mmw.config.antennas import AntennaConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import pose_stride
@@ -44,7 +45,7 @@ def compose_scenario(
     sensors: Sequence[SensorConfig],
     weather: str,
     meta: Mapping[str, Any],
-    antenna_position_m: Mapping[str, Sequence[float]] | None = None,
+    antennas: Sequence[AntennaConfig] = (),
     assets: str | Path | None = None,
     rate_hz: int = FRAME_RATE_HZ,
 ) -> Path:
@@ -62,7 +63,7 @@ def compose_scenario(
         sensors: Sensors that agents carry.
         weather: Variant of the town that is selected in the file.
         meta: What is written into the layer's custom data, such as version, scenario and seed.
-        antenna_position_m: Role (`cav`, `rsu`), or name of an agent -> antenna in its frame [m].
+        antennas: Antennas that agents carry.
         assets: Folder of the copies; `assets` beside the stage if absent.
         rate_hz: Frames a second. The stage has a time code for each pose, `pose_stride(rate_hz)` a frame.
 
@@ -90,14 +91,14 @@ def compose_scenario(
         for track in tracks:
             _write_actor(layer, track, models[track.model], shape_of[track.model])
             if track.role == "cav":
-                write_sensors(layer, f"/World/Actors/{track.name}", "cav", sensors, antenna_position_m or {}, rate_hz)
+                write_sensors(layer, f"/World/Actors/{track.name}", "cav", sensors, antennas, rate_hz)
         define(layer, "/World/RSU", kind="group")
         for name, pose in rsus:
             prim = define(layer, f"/World/RSU/{name}", kind="component")
             place(prim, np.asarray(pose, dtype=np.float64))
             set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, "rsu")
             set_label(prim, "static")
-            write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antenna_position_m or {}, rate_hz)
+            write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antennas, rate_hz)
     save_layers({path: layer})
     return path
 
