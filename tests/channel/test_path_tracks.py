@@ -139,7 +139,7 @@ def test_table_and_memory_give_the_same_tracks(device: str) -> None:
     table, link_table = both_tables(arrays, links, paths)
     for carrier in (CARRIER, 4.9e9):
         names = [actor.name for actor in arrays.actors]
-        memory = tracks_from_paths(links, paths, "sunny", carrier, names, "town")
+        memory = tracks_from_paths(links, paths, "sunny", carrier, names, "town", ("antenna",))
         stored = tracks_from_table(table, carrier, link_table)
         for field in fields(PathTracks):
             if field.name != "row":
