@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from mmw.config.agent_keys import check_agents
+from mmw.config.agent_keys import check_agent
 from mmw.config.air import AirConfig, resolve_air
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
@@ -78,9 +78,12 @@ class Config(Section):
         sensors = [sensor.name for sensor in self.sensors]
         if len(set(sensors)) != len(sensors):
             raise InputError(f"sensors are named {sensors}; give each its own name")
-        prims = [name.replace("-", "_") for name in sensors]  # their names in the USD stage, beside the antenna
-        if len(set(prims) | {"antenna"}) != len(prims) + 1:
-            raise InputError(f"sensors are named {sensors}; `antenna` is taken, and `-` counts as `_`; rename one")
+        names = [*sensors, *self.channel.antenna_names]
+        if len({name.replace("-", "_") for name in names}) != len(names):  # their names in the USD stage
+            raise InputError(
+                f"sensors are named {', '.join(sensors)}, and antennas {', '.join(self.channel.antenna_names)}; each "
+                "needs a name of its own, and `-` counts as `_`; rename one"
+            )
         if not self.weathers:
             raise InputError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):
@@ -92,10 +95,8 @@ class Config(Section):
         agents = self.agent_names
         if agents is None:
             return self
-        for index, sensor in enumerate(self.sensors):
-            check_agents(f"sensors[{index}].on", sensor.on, agents)
-            check_agents(f"sensors[{index}].mount", sensor.mount, agents)
-        check_agents("channel.antenna_position_m", self.channel.antenna_position_m, agents)
+        for where, key in self.agent_keys:
+            check_agent(where, key, agents)
         return self
 
     @model_validator(mode="after")
@@ -137,6 +138,17 @@ class Config(Section):
         if name and name not in found:
             raise InputError(f"scenario = {name}: there are {', '.join(found)}; name one of them")
         return found[name] if name else self.scenarios[0]
+
+    @property
+    def agent_keys(self) -> list[tuple[str, str]]:
+        """Places of the configuration that choose agents, and their keys there."""
+        mounted = [(f"sensors[{index}]", one) for index, one in enumerate(self.sensors)]
+        mounted += [(f"channel.antennas[{index}]", one) for index, one in enumerate(self.channel.antennas)]
+        places = [(f"{where}.{name}", getattr(one, name)) for where, one in mounted for name in ("on", "mount")]
+        for index, rule in enumerate(self.channel.links):
+            if not isinstance(rule, str):
+                places += [(f"channel.links[{index}].{name}", getattr(rule, name)) for name in ("tx", "rx")]
+        return [(where, key) for where, keys in places for key in keys]
 
     @property
     def agent_names(self) -> tuple[str, ...] | None:

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from mmw.config.agent_keys import ROLE_MOUNTS, AgentIdentity, SensorKey
+from mmw.config.agent_keys import ROLE_MOUNTS, AgentIdentity, AgentKey
 from mmw.config.sampling import Sampling
 from mmw.config.section import Name, Section, Vec3
 from mmw.core.errors import InputError
@@ -46,38 +46,36 @@ def mounts_at(**position_m: Vec3) -> Any:
     )
 
 
-class SensorConfig(Sampling):
-    """One sensor of an agent: the base of every sensor's section."""
+class Mounted(Section):
+    """A section of what agents carry: which agents, and where on them."""
 
-    type: str
-    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
-    on: tuple[SensorKey, ...] = Field(
+    on: tuple[AgentKey, ...] = Field(
         description="agents that carry it: roles `cav`, `rsu`, `vru`, `uav`, `bs`, names, or `model:` or `label:` and "
         "a model or class (list)"
     )
-    mount: dict[SensorKey, MountConfig] = mounts_at()
+    mount: dict[AgentKey, MountConfig] = mounts_at()
 
     @field_validator("on")
     @classmethod
-    def _once(cls, value: tuple[SensorKey, ...]) -> tuple[SensorKey, ...]:
+    def _once(cls, value: tuple[AgentKey, ...]) -> tuple[AgentKey, ...]:
         if len(set(value)) != len(value):
             raise InputError(f"{list(value)} names one twice; name each once")
         return value
 
     @field_validator("mount")
     @classmethod
-    def _every_role(cls, value: dict[SensorKey, MountConfig]) -> dict[SensorKey, MountConfig]:
+    def _every_role(cls, value: dict[AgentKey, MountConfig]) -> dict[AgentKey, MountConfig]:
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
     def is_on(self, role: str, name: str, model: str = "", label: str = "") -> bool:
-        """Return whether an agent carries the sensor, by its name, model, class or role."""
+        """Return whether an agent carries it, by its name, model, class or role."""
         return any(key in self.on for key in AgentIdentity(role, name, model, label).keys)
 
     def mount_on(self, role: str, name: str, model: str = "", label: str = "") -> MountConfig:
         """Return the mount on an actor: by its name, else its model, its class, its role; else the place of the role.
 
-        The origin of a CAV or a roadside unit where the sensor has no mount. A vehicle or a pedestrian that is no agent
-        carries a sensor where a CAV does.
+        The origin of a CAV or a roadside unit where there is no mount. A vehicle or a pedestrian that is no agent
+        carries it where a CAV does.
         """
         role = "cav" if role in ("vehicle", "pedestrian") else role
         keys = AgentIdentity(role, name, model, label).keys
@@ -85,3 +83,10 @@ class SensorConfig(Sampling):
         if found is None and role in ("vru", "uav", "bs"):
             return MountConfig(position_m=ROLE_MOUNTS[role])
         return found or MountConfig()
+
+
+class SensorConfig(Sampling, Mounted):
+    """One sensor of an agent: the base of every sensor's section."""
+
+    type: str
+    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")

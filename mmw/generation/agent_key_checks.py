@@ -1,4 +1,4 @@
-"""Check `model:` and `label:` keys of sensors against the vehicle models and the classes that there are."""
+"""Check `model:` and `label:` keys against the vehicle models and the classes that there are."""
 
 from collections.abc import Iterator
 from difflib import get_close_matches
@@ -15,19 +15,13 @@ from mmw.usd.vehicle_catalog import load_bodies
 
 
 def unknown_agent_keys(config: Config, base: Path) -> Iterator[str]:
-    """Yield a line for each key of a sensor's `on` or `mount` that names a model or class that does not exist.
+    """Yield a line for each key that names a model or class that does not exist.
 
     Args:
         config: The configuration.
         base: Folder that relative paths start from.
     """
-    keys = [
-        (f"sensors[{index}].{where}", key)
-        for index, sensor in enumerate(config.sensors)
-        for where, names in (("on", sensor.on), ("mount", sensor.mount))
-        for key in names
-        if key.startswith((MODEL, LABEL))
-    ]
+    keys = [(where, key) for where, key in config.agent_keys if key.startswith((MODEL, LABEL))]
     models = _models(config, base) if any(key.startswith(MODEL) for _, key in keys) else ()
     for where, key in keys:
         prefix, what, known = (MODEL, "model", models) if key.startswith(MODEL) else (LABEL, "class", tuple(CARLA_TAG))

@@ -69,8 +69,8 @@ def check_inputs(config: Config, base: Path) -> None:
         problems += unknown_entries(f"{where}: materials", scenario.materials, known)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
-                f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
-                "channel.links: [v2v]"
+                f"{where}: channel.links = {list(config.channel.link_names)} has v2i but there are no rsus; add one, "
+                "or use channel.links: [v2v]"
             )
     if problems:
         raise ConfigError(problems)
@@ -204,11 +204,12 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
-        senders, links = 0.0, 0
-        if "v2i" in channel.links:
-            senders, links = float(counts["rsu"]), counts["rsu"] * counts["cav"]
-        if "v2v" in channel.links and counts["cav"] > 1:
-            senders, links = senders + half * counts["cav"], links + counts["cav"] * (counts["cav"] - 1)
+        ends = channel.link_ends([agent.identity for agent in _agents(counts, scenario)])
+        mutual = {(end.tx, end.rx) for end in ends} & {(end.rx, end.tx) for end in ends}
+        links, senders = len(ends), 0.0
+        for tx, tx_antenna in {(end.tx, end.tx_antenna) for end in ends}:
+            own = [(end.tx, end.rx) for end in ends if (end.tx, end.tx_antenna) == (tx, tx_antenna)]
+            senders += half if mutual.issuperset(own) else 1.0
         if channel.candidates == "launch":
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * PATH_BYTES)

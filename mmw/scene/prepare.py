@@ -103,7 +103,7 @@ def prepare_scenario(
         sensors=config.sensors,
         weather=choose_variant(names, weather_variants(source)) or names[0],
         meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
-        antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
+        antennas=config.channel.antennas if config.channel.enabled else (),
         assets=root / ASSETS,
         rate_hz=config.frame_rate_of(scenario),
     )

@@ -16,6 +16,7 @@ from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
 from mmw.physics.materials.material import FILE_FIELDS, file_values
 from mmw.scene.actor_counts import COUNTED, counted_in
+from mmw.scene.mounted_antennas import antenna_pose
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, choices, names, split
 from mmw.scene.views import mount_pose
@@ -109,10 +110,12 @@ def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
                 params = json.dumps(sensor.with_rate(arrays.rate_hz).model_dump(mode="json"), sort_keys=True)
                 rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, _camera(sensor)))
         if config.channel.enabled:
-            pose = np.array([*config.channel.antenna_on(actor.role, actor.name), 0.0, 0.0, 0.0, 1.0])
             own = {key: value for key, value in config.channel.model_dump(mode="json").items() if key in UNSET}
-            params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization, **own})
-            rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))
+            for antenna in config.channel.antennas:
+                if antenna.is_on(*actor.identity):
+                    pose = antenna_pose(antenna, *actor.identity)
+                    params = json.dumps({**antenna.model_dump(mode="json", exclude={"name", "on", "mount"}), **own})
+                    rows.append(_sensor_row(actor.name, antenna.name, "antenna", pose, params, {}))
     keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
     columns: Columns = {key: [row.get(key) for row in rows] for key in keys}  # those of cameras are null for others
     return {**columns, "coefficients": pa.array(columns["coefficients"], list_of(F64))}

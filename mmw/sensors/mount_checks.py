@@ -35,7 +35,9 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
             if sensor.is_on(*actor.identity) and spec_of(sensor).needs_clear_view
         }
         if config.channel.enabled:
-            places["antenna"] = config.channel.antenna_on(actor.role, actor.name)
+            for antenna in config.channel.antennas:
+                if antenna.is_on(*actor.identity):
+                    places[antenna.name] = antenna.mount_on(*actor.identity).position_m
         if not places:
             continue
         row = int(np.argmax(is_here))

@@ -20,6 +20,7 @@ from pxr import Sdf
 
 from mmw.config import SensorConfig
 from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
+from mmw.config.antennas import AntennaConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import pose_stride
@@ -49,7 +50,7 @@ def compose_scenario(
     sensors: Sequence[SensorConfig],
     weather: str,
     meta: Mapping[str, Any],
-    antenna_position_m: Mapping[str, Sequence[float]] | None = None,
+    antennas: Sequence[AntennaConfig] = (),
     base_stations: Sequence[tuple[str, np.ndarray]] = (),
     assets: str | Path | None = None,
     rate_hz: int = FRAME_RATE_HZ,
@@ -68,7 +69,7 @@ def compose_scenario(
         sensors: Sensors that agents carry.
         weather: Variant of the town that is selected in the file.
         meta: What is written into the layer's custom data, such as version, scenario and seed.
-        antenna_position_m: Role, or name of an agent -> antenna in its frame [m].
+        antennas: Antennas that agents carry.
         base_stations: Names of base stations and their poses in the world, shape [7].
         assets: Folder of the copies; `assets` beside the stage if absent.
         rate_hz: Frames a second. The stage has a time code for each pose, `pose_stride(rate_hz)` a frame.
@@ -99,7 +100,7 @@ def compose_scenario(
             if track.role in AGENT_ROLES:
                 agent = AgentIdentity(track.role, track.name, track.model, models[track.model].label)
                 path_of = f"/World/Actors/{track.name}"
-                write_sensors(layer, path_of, agent, sensors, antenna_position_m or {}, rate_hz)
+                write_sensors(layer, path_of, agent, sensors, antennas, rate_hz)
         for role, units in (("rsu", rsus), ("bs", base_stations)):
             if units or role == "rsu":
                 define(layer, f"/World/{UNITS[role]}", kind="group")
@@ -109,7 +110,7 @@ def compose_scenario(
                 set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, role)
                 set_label(prim, "static")
                 agent = AgentIdentity(role, name, name, "static")
-                write_sensors(layer, str(prim.path), agent, sensors, antenna_position_m or {}, rate_hz)
+                write_sensors(layer, str(prim.path), agent, sensors, antennas, rate_hz)
     save_layers({path: layer})
     return path
 

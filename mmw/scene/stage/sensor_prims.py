@@ -1,16 +1,18 @@
 """Write the sensors of an agent as prims, so that a USD viewer can look through its cameras."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
-from mmw.config.agent_keys import AgentIdentity, of_agent
+from mmw.config.agent_keys import AgentIdentity
+from mmw.config.antennas import AntennaConfig
 from mmw.config.sensor_spec import Camera, spec_of
 from mmw.core.constants import FRAME_RATE_HZ
-from mmw.core.transforms import IDENTITY_POSE, compose
+from mmw.core.transforms import compose
+from mmw.scene.mounted_antennas import antenna_pose
 from mmw.scene.stage.layer import define, place
 from mmw.scene.views import mount_pose
 from mmw.usd.prim_specs import set_value
@@ -27,7 +29,7 @@ def write_sensors(
     agent_path: str,
     agent: AgentIdentity,
     sensors: Sequence[SensorConfig],
-    antenna_position_m: Mapping[str, Sequence[float]],
+    antennas: Sequence[AntennaConfig],
     frame_rate_hz: int = FRAME_RATE_HZ,
 ) -> None:
     """Write `Sensors` below an agent: a Camera for each camera, an Xform for everything else.
@@ -37,7 +39,7 @@ def write_sensors(
         agent_path: The agent's prim.
         agent: Role, name, model and class; sensors that the agent does not carry are left out.
         sensors: The configured sensors.
-        antenna_position_m: Role, or name of an agent -> antenna in its frame [m]; no antenna prim for others.
+        antennas: The configured antennas.
         frame_rate_hz: Frames a second, the rate of a sensor that has none of its own.
     """
     define(layer, f"{agent_path}/Sensors", "Scope")
@@ -58,11 +60,13 @@ def write_sensors(
             sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True
         )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
-    antenna = of_agent(antenna_position_m, agent.role, agent.name, None)
-    if antenna is not None:
-        prim = define(layer, f"{agent_path}/Sensors/antenna")
-        place(prim, np.concatenate([antenna, IDENTITY_POSE[3:]]))
-        set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
+    for antenna in antennas:
+        if antenna.is_on(*agent.identity):
+            prim = define(layer, f"{agent_path}/Sensors/{prim_name(antenna.name)}")
+            place(prim, antenna_pose(antenna, *agent.identity))
+            set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
+            settings = json.dumps(antenna.model_dump(mode="json", exclude={"name", "mount", "on"}), sort_keys=True)
+            set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
 
 
 def prim_name(name: str) -> str:

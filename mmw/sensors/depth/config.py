@@ -4,7 +4,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from mmw.config.agent_keys import SensorKey
+from mmw.config.agent_keys import AgentKey
 from mmw.config.lens import LensConfig
 from mmw.config.section import Name
 from mmw.core.errors import InputError
@@ -22,7 +22,7 @@ class DepthCamera(CameraConfig):
 
     type: Literal["depth"] = "depth"
     name: Name = Field(default="depth", description="sensor name (name)")
-    on: tuple[SensorKey, ...] = Field(default=("rsu",), description="agents that carry it (list)")
+    on: tuple[AgentKey, ...] = Field(default=("rsu",), description="agents that carry it (list)")
     fov_deg: float = Field(default=110.0, gt=0, lt=180, description="horizontal field of view [deg]")
     range_m: float = Field(
         default=655.0, gt=0, le=10_000, description="longest depth; at most 655.35 with `format: png16` [m]"

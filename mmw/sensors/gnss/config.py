@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mmw.config.agent_keys import SensorKey
+from mmw.config.agent_keys import AgentKey
 from mmw.config.section import Name
 from mmw.config.sensor import SensorConfig
 
@@ -21,7 +21,7 @@ class Gnss(SensorConfig):
 
     type: Literal["gnss"] = "gnss"
     name: Name = Field(default="gnss", description="sensor name (name)")
-    on: tuple[SensorKey, ...] = Field(default=("cav",), description="agents that carry it (list)")
+    on: tuple[AgentKey, ...] = Field(default=("cav",), description="agents that carry it (list)")
     mode: Literal["carla", "physical"] = Field(
         default="carla", description="CARLA's map and white noise, or WGS-84 and errors that drift (name)"
     )

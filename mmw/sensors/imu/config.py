@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from mmw.config.agent_keys import SensorKey
+from mmw.config.agent_keys import AgentKey
 from mmw.config.section import Name
 from mmw.config.sensor import SensorConfig
 
@@ -14,7 +14,7 @@ class Imu(SensorConfig):
 
     type: Literal["imu"] = "imu"
     name: Name = Field(default="imu", description="sensor name (name)")
-    on: tuple[SensorKey, ...] = Field(default=("cav",), description="agents that carry it (list)")
+    on: tuple[AgentKey, ...] = Field(default=("cav",), description="agents that carry it (list)")
     mode: Literal["carla", "physical"] = Field(
         default="carla", description="CARLA's white noise a sample, or noise densities with wandering biases (name)"
     )

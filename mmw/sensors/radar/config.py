@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from mmw.config.agent_keys import SensorKey
+from mmw.config.agent_keys import AgentKey
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig, SensorConfig, mounts_at
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
@@ -34,8 +34,8 @@ class Radar(SensorConfig):
 
     type: Literal["radar"] = "radar"
     name: Name = Field(default="radar", description="sensor name (name)")
-    on: tuple[SensorKey, ...] = Field(default=("rsu",), description="agents that carry it (list)")
-    mount: dict[SensorKey, MountConfig] = mounts_at(rsu=(0, 0, 4.1), cav=(2.5, 0, 0.6))
+    on: tuple[AgentKey, ...] = Field(default=("rsu",), description="agents that carry it (list)")
+    mount: dict[AgentKey, MountConfig] = mounts_at(rsu=(0, 0, 4.1), cav=(2.5, 0, 0.6))
     mode: Literal["carla", "physical"] = Field(default="physical", description="CARLA's radar, or a link budget (name)")
     output: Literal["detections", "dense"] = Field(
         default="detections", description="in `physical`: what is detected, or every ray that hits something (name)"

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field, model_validator
 
-from mmw.config.agent_keys import SensorKey
+from mmw.config.agent_keys import AgentKey
 from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
 from mmw.config.section import Name
 from mmw.config.sensor import MountConfig
@@ -17,7 +17,7 @@ class RgbCamera(CameraConfig):
 
     type: Literal["rgb"] = "rgb"
     name: Name = Field(default="front", description="sensor name (name)")
-    on: tuple[SensorKey, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
+    on: tuple[AgentKey, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
     fov_deg: float = Field(
         default=110.0, gt=0, le=WIDEST_DEG, description="horizontal field of view; below 180 but for a fisheye [deg]"
     )
