@@ -77,13 +77,13 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
         ValueError: If the scene does not cover a frame.
     """
     actors = arrays.actors
-    ends = config.link_ends([(actor.role, actor.name) for actor in actors])
+    ends = config.link_ends([actor.identity for actor in actors])
     table = np.array(ends, dtype=np.int32).reshape(-1, len(LinkEnds._fields))
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     batch_index, row = np.nonzero(is_here[:, table[:, 1]] & is_here[:, table[:, 2]])
     kind, tx_actor, rx_actor, tx_antenna, rx_antenna = table[row].T
-    mount = np.array([[antenna_pose(own, actor.role, actor.name) for own in config.antennas] for actor in actors])
+    mount = np.array([[antenna_pose(own, *actor.identity) for own in config.antennas] for actor in actors])
     mount = mount.reshape(-1, len(config.antennas), 7)
     return Links(
         frame=np.array(frames, dtype=np.int32)[batch_index],

@@ -11,8 +11,9 @@ from mmw.config.load import load_config
 from mmw.config.material_map import MaterialChanges, MaterialEntry
 from mmw.config.model import Config
 from mmw.config.output import OutputConfig
+from mmw.config.placed_agents import BaseStationConfig, RsuConfig, UavConfig, WaypointConfig
 from mmw.config.sampling import Sampling
-from mmw.config.scenario import FramesConfig, RsuConfig, ScenarioConfig, TrafficConfig
+from mmw.config.scenario import FramesConfig, ScenarioConfig, TrafficConfig
 from mmw.config.sensor import MountConfig, Mounted, SensorConfig
 from mmw.config.shipped import config_path
 from mmw.config.sweep import SweepConfig
@@ -20,8 +21,9 @@ from mmw.config.vary import VaryConfig, VaryRsuConfig, VarySpawnConfig
 from mmw.config.yaml_file import ConfigError
 
 __all__ = [
-    "AirConfig", "AntennaConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig", "Config", "ConfigError",
-    "FramesConfig", "LensConfig", "LinkRule", "MaterialChanges", "MaterialEntry", "MountConfig", "Mounted",
-    "OutputConfig", "RsuConfig", "Sampling", "ScenarioConfig", "SensorConfig", "SweepConfig", "TrafficConfig",
-    "VaryConfig", "VaryRsuConfig", "VarySpawnConfig", "config_path", "load_config",
+    "AirConfig", "AntennaConfig", "BaseStationConfig", "CarlaWeatherConfig", "ChannelConfig", "ComputeConfig",
+    "Config", "ConfigError", "FramesConfig", "LensConfig", "LinkRule", "MaterialChanges", "MaterialEntry",
+    "MountConfig", "Mounted", "OutputConfig", "RsuConfig", "Sampling", "ScenarioConfig", "SensorConfig",
+    "SweepConfig", "TrafficConfig", "UavConfig", "VaryConfig", "VaryRsuConfig", "VarySpawnConfig", "WaypointConfig",
+    "config_path", "load_config",
 ]  # fmt: skip

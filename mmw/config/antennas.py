@@ -20,7 +20,7 @@ class AntennaConfig(Mounted):
         default="antenna", description="unique among antennas and sensors; `antenna` and `peer_antenna` of rows (name)"
     )
     on: tuple[AgentKey, ...] = Field(
-        default=AGENT_ROLES, description="agents that carry it: roles, or names of agents (list)"
+        default=AGENT_ROLES, description="agents that carry it, as `on` of sensors; all by default (list)"
     )
     mount: dict[AgentKey, MountConfig] = mounts_at(**ROLE_MOUNTS)
     pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
-from mmw.config.agent_keys import AgentKey
+from mmw.config.agent_keys import AgentIdentity, AgentKey, Identity
 from mmw.config.antennas import AntennaConfig
 from mmw.config.section import Name, Section
 from mmw.core.errors import InputError
@@ -21,8 +21,14 @@ class LinkRule(Section):
     """
 
     name: Name = Field(description="key `link` of the rows (name)")
-    tx: tuple[AgentKey, ...] = Field(min_length=1, description="agents that transmit: roles, or names (list)")
-    rx: tuple[AgentKey, ...] = Field(min_length=1, description="agents that receive: roles, or names (list)")
+    tx: tuple[AgentKey, ...] = Field(
+        min_length=1,
+        description="agents that transmit, as `on` of sensors (list)",
+    )
+    rx: tuple[AgentKey, ...] = Field(
+        min_length=1,
+        description="agents that receive, as `on` of sensors (list)",
+    )
     tx_antennas: tuple[Name, ...] = Field(
         default=(), description="antennas that transmit, of `channel.antennas`; all of the agent by default (list)"
     )
@@ -72,14 +78,14 @@ class LinkEnds(NamedTuple):
 
 
 def link_ends(
-    rules: Sequence[LinkRule], antennas: Sequence[AntennaConfig], agents: Sequence[tuple[str, str]]
+    rules: Sequence[LinkRule], antennas: Sequence[AntennaConfig], agents: Sequence[Identity]
 ) -> list[LinkEnds]:
     """Return the links of agents, rule by rule; of several rules that fit, a link is of the first.
 
     Args:
         rules: The rules.
         antennas: The antennas.
-        agents: Role and name of each agent; others, such as vehicles, have no antenna.
+        agents: Role, name, model and class of each actor; those that are no agents have no antenna.
     """
     found: dict[tuple[int, int, int, int], LinkEnds] = {}
     for kind, rule in enumerate(rules):
@@ -94,13 +100,13 @@ def link_ends(
 
 
 def _ends(
-    keys: Sequence[str], names: Sequence[str], antennas: Sequence[AntennaConfig], agents: Sequence[tuple[str, str]]
+    keys: Sequence[str], names: Sequence[str], antennas: Sequence[AntennaConfig], agents: Sequence[Identity]
 ) -> list[tuple[int, int]]:
     """Return agent and antenna of each end that a rule names."""
     return [
         (agent, number)
-        for agent, (role, name) in enumerate(agents)
-        if role in keys or name in keys
+        for agent, identity in enumerate(agents)
+        if any(key in keys for key in AgentIdentity(*identity).keys)
         for number, antenna in enumerate(antennas)
-        if antenna.is_on(role, name) and (not names or antenna.name in names)
+        if antenna.is_on(*identity) and (not names or antenna.name in names)
     ]

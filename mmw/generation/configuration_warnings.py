@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
-from mmw.config.agent_keys import AGENT_ROLES
+from mmw.config.agent_keys import AGENT_ROLES, Identity
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
@@ -16,7 +16,7 @@ from mmw.scene.scene_data import SceneData
 
 def configuration_warnings(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> Iterator[str]:
     """Yield all warnings about a scenario."""
-    agents = [(actor.role, actor.name) for actor in arrays.actors]
+    agents = [actor.identity for actor in arrays.actors]
     if config.channel.enabled:
         yield from _link_warnings(agents, config)
     idle = [one for one in config.sensors if one.on and not any(one.is_on(*agent) for agent in agents)]
@@ -42,14 +42,14 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
         yield from arrays.look_notes
 
 
-def _link_warnings(agents: Sequence[tuple[str, str]], config: Config) -> Iterator[str]:
+def _link_warnings(agents: Sequence[Identity], config: Config) -> Iterator[str]:
     """Yield warnings of antennas that nobody carries and of rules without a link."""
     channel = config.channel
     for antenna in channel.antennas:
         if antenna.on and not any(antenna.is_on(*agent) for agent in agents):
             yield f"channel.antennas: there is no {_carriers(antenna.on)} to carry {antenna.name}: no links of it"
     ends = channel.link_ends(agents)
-    roles = Counter(role for role, _ in agents if role in AGENT_ROLES)
+    roles = Counter(role for role, *_ in agents if role in AGENT_ROLES)
     there = (
         ", ".join(f"{count} {role.upper()}{'s' if count > 1 else ''}" for role, count in roles.items()) or "no agents"
     )

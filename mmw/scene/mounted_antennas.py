@@ -27,9 +27,9 @@ class RadioDevices:
         return RadioDevices(self.position[rows], self.rotation[rows], self.velocity[rows])
 
 
-def antenna_pose(antenna: AntennaConfig, role: str, name: str) -> np.ndarray:
+def antenna_pose(antenna: AntennaConfig, role: str, name: str, model: str = "", label: str = "") -> np.ndarray:
     """Return the antenna-to-actor pose of an antenna on an actor, shape [7]."""
-    mount = antenna.mount_on(role, name)
+    mount = antenna.mount_on(role, name, model, label)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 

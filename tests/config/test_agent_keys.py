@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from mmw.config import Config, load_config
-from mmw.config.agent_keys import of_agent
 from mmw.core.errors import InputError
 from mmw.sensors import Lidar
 
@@ -22,9 +21,6 @@ def config(**changes: Any) -> Config:
 
 
 def test_a_name_comes_before_its_role() -> None:
-    values = {"cav": 1, "cav_2": 2}
-    assert [of_agent(values, "cav", name, 0) for name in ("cav_1", "cav_2")] == [1, 2]
-    assert of_agent(values, "rsu", "corner", 0) == 0
     lidar = Lidar(on=("corner", "cav_2"), mount={"cav_2": {"position_m": (0, 0, 3.5)}})
     assert [lidar.is_on(*agent) for agent in (("cav", "cav_1"), ("cav", "cav_2"), ("rsu", "corner"))] == [
         False, True, True,

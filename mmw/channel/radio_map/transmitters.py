@@ -157,7 +157,7 @@ def actor_transmitters(
     rows = [i for i, actor in enumerate(arrays.actors) if actor.role in roles and np.isfinite(pose[i]).all()]
     found: list[tuple[str, np.ndarray, AntennaConfig]] = []
     for row in rows:
-        agent = arrays.actors[row].role, arrays.actors[row].name
+        agent = arrays.actors[row].identity
         own = [antenna for antenna in antennas if antenna.is_on(*agent)]
         unit = make_pose(pose[row, :3], normalize(pose[row, 3:]))
         for antenna in own:

@@ -1,5 +1,6 @@
 """Compute how many rows of each key the tables of shards must have, and compare them with those that are there."""
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,11 +10,17 @@ import pyarrow.compute as pc
 
 from mmw.channel.tables import LINKS, PATH_GAINS, PATH_GEOMETRY
 from mmw.config import Config
+from mmw.config.agent_keys import Identity
+from mmw.config.sensor import Mounted
 from mmw.config.sensor_spec import spec_of
+from mmw.scene.actor_counts import BODY_COLUMNS, COUNTED, ROLE_COLUMNS
 from mmw.storage.row_checks import SHARD, Names
 
 Tables = Mapping[str, pa.Table]
 """Rows of some shards by table, with the index of the shard in the column `SHARD`."""
+
+Kinds = Mapping[str, tuple[str, str]]
+"""Name of an actor -> its model and its class."""
 
 COUNT = "count"
 
@@ -32,7 +39,7 @@ KEY_OF = {
 """Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
 
 COLUMNS = {
-    "frames": ("cav_count", "rsu_count", "vehicle_count", "pedestrian_count"),
+    "frames": COUNTED,
     "poses": ("role", "object_id"),
     "lidar": ("object_id",),
     "radar": ("object_id",),
@@ -44,9 +51,8 @@ COLUMNS = {
 TYPES = {
     SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.int32(), "peer": pa.int32(), "sensor": pa.int32(),
     "antenna": pa.int32(), "peer_antenna": pa.int32(), "role": pa.int32(), "object_id": pa.int32(),
-    "carrier": pa.int32(), "path": pa.int32(), "pixels": pa.int64(),
-    "path_count": pa.int64(), "cav_count": pa.int64(), "rsu_count": pa.int64(), "vehicle_count": pa.int64(),
-    "pedestrian_count": pa.int64(), COUNT: pa.int64(),
+    "carrier": pa.int32(), "path": pa.int32(), "pixels": pa.int64(), "path_count": pa.int64(),
+    **dict.fromkeys(COUNTED, pa.int64()), COUNT: pa.int64(),
 }  # fmt: skip
 """Column -> type in which it is compared; names are numbers, see `Names`."""
 
@@ -55,8 +61,9 @@ TEXTS = ("agent", "peer", "antenna", "peer_antenna", "sensor", "role", "weather"
 
 
 def count_rows(
-    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int
-) -> Iterator[tuple[str, int, str]]:
+    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int,
+    kinds: Kinds,
+) -> Iterator[tuple[str, int, str]]:  # fmt: skip
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
     Args:
@@ -66,11 +73,12 @@ def count_rows(
         tables: Their rows.
         names: Names whose numbers they hold.
         rate_hz: Frames a second.
+        kinds: Model and class of actors; an actor that is left out has a name and a role only.
 
     Yields:
         Table, index of a shard, and what is wrong with it.
     """
-    for table, expected in _expected(config, frames, with_geometry, tables, names, rate_hz):
+    for table, expected in _expected(config, frames, with_geometry, tables, names, rate_hz, kinds):
         key = KEY_OF.get(table, SAMPLE_KEY)
         for shard, text in _differences(expected, _select(tables, table, (SHARD, *key)), names):
             yield table, shard, text
@@ -100,24 +108,25 @@ def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[
 
 
 def _expected(
-    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int
-) -> Iterator[tuple[str, pa.Table]]:
+    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int,
+    kinds: Kinds,
+) -> Iterator[tuple[str, pa.Table]]:  # fmt: skip
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
     numbers = np.concatenate([np.asarray(each) for each in frames]) if frames else []
     yield "frames", _counted({SHARD: shards, "frame": numbers}, 1)
     counts = _select(tables, "frames", (SHARD, "frame", *COLUMNS["frames"]))
     place = {SHARD: counts[SHARD], "frame": counts["frame"]}
-    roles = {role: {**place, "role": np.full(len(counts), names.number(role))} for role in ("cav", "rsu")}
-    yield "poses", pa.concat_tables(_counted(columns, counts[f"{role}_count"]) for role, columns in roles.items())
-    yield "boxes", _counted(place, pc.add(counts["vehicle_count"], counts["pedestrian_count"]))
+    roles = {role: {**place, "role": np.full(len(counts), names.number(role))} for role in ROLE_COLUMNS}
+    yield "poses", pa.concat_tables(_counted(roles[role], counts[column]) for role, column in ROLE_COLUMNS.items())
+    yield "boxes", _counted(place, functools.reduce(pc.add, (counts[column] for column in BODY_COLUMNS)))
     poses = _select(tables, "poses", (SHARD, "frame", "agent", "role", "object_id"))
-    yield from _samples(config, poses, names, rate_hz)
+    yield from _samples(config, poses, names, rate_hz, kinds)
     boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
     traced = poses.filter(pa.array(config.channel.is_due(poses["frame"].to_numpy(), rate_hz)))
-    yield "box_visibility", _visibility(config, tables, traced, boxes, names)
+    yield "box_visibility", _visibility(config, tables, traced, boxes, names, kinds)
     if config.channel.enabled:
-        yield "links", _links(config, traced, names)
+        yield "links", _links(config, traced, names, kinds)
         links = _select(tables, "links", (SHARD, *KEY_OF["links"], "path_count"))
         yield "path_gains", _paths(links, "path_gains")
         is_first = pc.equal(links["carrier"], 0)
@@ -139,15 +148,15 @@ def _with(table: pa.Table, name: str, value: Any) -> pa.Table:
     return table.append_column(name, pa.array(np.full(table.num_rows, value)).cast(TYPES[name]))
 
 
-def _samples(config: Config, poses: pa.Table, names: Names, rate_hz: int) -> Iterator[tuple[str, pa.Table]]:
+def _samples(
+    config: Config, poses: pa.Table, names: Names, rate_hz: int, kinds: Kinds
+) -> Iterator[tuple[str, pa.Table]]:
     """Yield the tables of sensors with a number of rows for each sample, and that number."""
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
+    agents = _agents(poses, names, kinds)
     for sensor in config.sensors:
-        on = pa.array(names.numbers(sensor.on))
-        is_due = pc.and_(
-            pc.or_(pc.is_in(poses["role"], on), pc.is_in(poses["agent"], on)), pa.array(sensor.is_due(frame, rate_hz))
-        )
+        is_due = pc.and_(_is_on(sensor, poses, agents, names), pa.array(sensor.is_due(frame, rate_hz)))
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
             found.setdefault(table, []).append(_with(_with(due, "sensor", names.number(sensor.name)), COUNT, each))
@@ -155,7 +164,9 @@ def _samples(config: Config, poses: pa.Table, names: Names, rate_hz: int) -> Ite
         yield table, pa.concat_tables(parts)
 
 
-def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Table, names: Names) -> pa.Table:
+def _visibility(
+    config: Config, tables: Tables, traced: pa.Table, boxes: pa.Table, names: Names, kinds: Kinds
+) -> pa.Table:
     """Return the rows of `box_visibility`: boxes on which a sensor has a return, a point or a pixel; all for antennas
     in the frames of the channel, whose poses are `traced`.
 
@@ -179,10 +190,10 @@ def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Tabl
         own = traced.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
         pairs = own.join(boxes, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
         pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
+        agents = _agents(traced, names, kinds)
         for antenna in config.channel.antennas:
-            carriers = [name for role, name in _agents(traced, names) if antenna.is_on(role, name)]
-            on = pc.is_in(pairs["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
-            parts.append(_with(pairs.filter(on), "sensor", names.number(antenna.name)))
+            on = pairs.filter(_is_on(antenna, pairs, agents, names))
+            parts.append(_with(on, "sensor", names.number(antenna.name)))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
@@ -195,10 +206,10 @@ def _paths(links: pa.Table, table: str) -> pa.Table:
     return _with(rows.select([SHARD, *KEY_OF[table]]), COUNT, 1)
 
 
-def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
+def _links(config: Config, traced: pa.Table, names: Names, kinds: Kinds) -> pa.Table:
     """Return the rows of `links`: those that the configuration's rules make of the agents that are there."""
     here = traced.select([SHARD, "frame", "agent"])
-    agents = _agents(traced, names)
+    agents = _agents(traced, names, kinds)
     ends = config.channel.link_ends(agents)
     antennas = config.channel.antenna_names
     columns = {
@@ -216,8 +227,15 @@ def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
     return pa.concat_tables(_with(_with(pairs, "carrier", each), COUNT, 1).select(columns) for each in carriers)
 
 
-def _agents(poses: pa.Table, names: Names) -> list[tuple[str, str]]:
-    """Return role and name of each agent of some poses."""
+def _is_on(one: Mounted, rows: pa.Table, agents: Sequence[Identity], names: Names) -> pa.ChunkedArray:
+    """Return whether the agent of each row carries a sensor or an antenna."""
+    carriers = [agent[1] for agent in agents if one.is_on(*agent)]
+    return pc.is_in(rows["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
+
+
+def _agents(poses: pa.Table, names: Names, kinds: Kinds) -> list[Identity]:
+    """Return role and name of each agent of some poses, and model and class where they are known."""
     rows = poses.group_by(["role", "agent"], use_threads=False).aggregate([])
     roles, agents = ([names.texts[number] for number in rows[name].to_pylist()] for name in ("role", "agent"))
-    return [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]
+    pairs = [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]
+    return [(role, name, *kinds[name]) if name in kinds else (role, name) for role, name in pairs]

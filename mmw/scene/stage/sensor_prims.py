@@ -7,6 +7,7 @@ import numpy as np
 from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
+from mmw.config.agent_keys import AgentIdentity
 from mmw.config.antennas import AntennaConfig
 from mmw.config.sensor_spec import Camera, spec_of
 from mmw.core.constants import FRAME_RATE_HZ
@@ -26,7 +27,7 @@ APERTURE_MM = 20.955
 def write_sensors(
     layer: Sdf.Layer,
     agent_path: str,
-    role: str,
+    agent: AgentIdentity,
     sensors: Sequence[SensorConfig],
     antennas: Sequence[AntennaConfig],
     frame_rate_hz: int = FRAME_RATE_HZ,
@@ -35,18 +36,17 @@ def write_sensors(
 
     Args:
         layer: The layer.
-        agent_path: The agent's prim, which has its name.
-        role: `cav` or `rsu`; sensors that the agent does not carry are left out.
+        agent_path: The agent's prim.
+        agent: Role, name, model and class; sensors that the agent does not carry are left out.
         sensors: The configured sensors.
         antennas: The configured antennas.
         frame_rate_hz: Frames a second, the rate of a sensor that has none of its own.
     """
-    name = agent_path.rsplit("/", 1)[1]
     define(layer, f"{agent_path}/Sensors", "Scope")
     for sensor in sensors:
-        if not sensor.is_on(role, name):
+        if not sensor.is_on(*agent.identity):
             continue
-        pose = mount_pose(sensor, role, name)
+        pose = mount_pose(sensor, *agent.identity)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")
@@ -61,9 +61,9 @@ def write_sensors(
         )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
     for antenna in antennas:
-        if antenna.is_on(role, name):
+        if antenna.is_on(*agent.identity):
             prim = define(layer, f"{agent_path}/Sensors/{prim_name(antenna.name)}")
-            place(prim, antenna_pose(antenna, role, name))
+            place(prim, antenna_pose(antenna, *agent.identity))
             set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
             settings = json.dumps(antenna.model_dump(mode="json", exclude={"name", "mount", "on"}), sort_keys=True)
             set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)

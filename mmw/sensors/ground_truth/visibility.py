@@ -73,7 +73,7 @@ def trace_sight(
         due: Frames that are looked at, shape of `frames`, bool; None for all of them.
     """
     arrays = scene.arrays
-    names = [(actor.role, actor.name) for actor in arrays.actors]
+    names = [actor.identity for actor in arrays.actors]
     agents = np.array([i for i, name in enumerate(names) if antenna.is_on(*name)], dtype=np.int32)
     others = boxed_actors(arrays.actors)
     batch_index, agent, actor = (
