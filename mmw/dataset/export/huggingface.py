@@ -22,6 +22,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -88,9 +89,9 @@ def _shard_tasks(dataset: Dataset, folder: str, frames: Sequence[int], selection
     shards: dict[str, dict[str, Path]] = {}
     for table, path in _files(dataset, folder, framed=True):
         shards.setdefault(path.stem.removeprefix("part-"), {})[table] = path
-    begins, names = sorted(shards), [part.partition("=")[2] for part in folder.split("/")]
-    for begin, after in zip(begins, [*begins[1:], None], strict=True):
-        if any(int(begin) <= frame and (after is None or frame < int(after)) for frame in frames):
+    names = [part.partition("=")[2] for part in folder.split("/")]
+    for begin, after in pairwise([*sorted(shards), ""]):
+        if any(int(begin) <= frame and (not after or frame < int(after)) for frame in frames):
             name = ".".join([*names, begin])
             yield Task(name, partial(_write, dataset, shards[begin], name, picks))
 

@@ -134,21 +134,15 @@ class PlannedRows:
         config = self._config
         for scenario, tables in self.seen.static.items():
             agents, kinds = self.seen.agents[scenario], self._kinds.get(scenario, {})
-            mounted = {
-                (agent, one.name)
-                for agent, role in agents
-                for one in config.sensors
-                if one.is_on(role, agent, *kinds.get(agent, ()))
-            }
             own = config.channel.antennas if config.channel.enabled else ()
-            antennas = {
+            carried = {
                 (agent, one.name)
                 for agent, role in agents
-                for one in own
+                for one in (*config.sensors, *own)
                 if one.is_on(role, agent, *kinds.get(agent, ()))
             }
             needed = {
-                ("sensors", "agent", "sensor"): mounted | antennas,
+                ("sensors", "agent", "sensor"): carried,
                 ("objects", "object_id"): {(number,) for number in self.seen.objects[scenario]},
                 ("materials", "weather"): {(weather,) for weather in config.weathers},
             }
