@@ -13,7 +13,7 @@ from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.progress import si
-from mmw.generation.sample_run import SAMPLE_PLACES, SampledScenario, table_lines, total
+from mmw.generation.sample_run import SampledScenario, table_lines, total
 from mmw.physics.weather.weather import PRESETS, choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
@@ -91,23 +91,48 @@ def _check_source(
             )
 
 
-def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
+FindRoles = Callable[[Path, tuple[tuple[str, str], ...]], list[str]]
+
+
+def stage_roles(source: Path, given: tuple[tuple[str, str], ...]) -> list[str]:
+    """Return the roles of the actors of a stage, of which some are given by prim path.
+
+    Raises:
+        InputError: If it cannot be read, or they do not fit it.
+    """
+    stage = open_stage(source)
+    with usd_errors(source):
+        return [actor.role for actor in find_actors(stage, dict(given))]
+
+
+def agent_counts(scenario: ScenarioConfig, base: Path, find_roles: FindRoles = stage_roles) -> dict[str, int]:
     """Return how many CAVs, roadside units, vehicles (CAVs included) and boxes a scenario has.
 
     Raises:
         InputError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     traffic = scenario.traffic
-    source = scenario_source(scenario, base)
-    stage = open_stage(source)
-    with usd_errors(source):
-        roles = [actor.role for actor in find_actors(stage, {} if traffic else scenario.actor_roles)]
+    roles = find_roles(scenario_source(scenario, base), () if traffic else tuple(scenario.actor_roles.items()))
     boxes, rsus = len(roles) - roles.count("rsu"), roles.count("rsu") + len(scenario.rsus)
     if traffic is None:
         return {"cav": roles.count("cav"), "rsu": rsus, "vehicles": boxes - roles.count("pedestrian"), "boxes": boxes}
     boxes = traffic.vehicle_count + traffic.pedestrian_count + len(roles)  # the stage has parked vehicles
     cavs = len(traffic.cav_ids or traffic.cav_ranks)
     return {"cav": cavs, "rsu": len(scenario.rsus), "vehicles": traffic.vehicle_count, "boxes": boxes}
+
+
+AgentCounts = Mapping[str, Mapping[str, int]]
+"""Scenario -> its `agent_counts`."""
+
+
+def count_agents(config: Config, base: Path) -> AgentCounts:
+    """Return the counts of every scenario; a town of several is opened once.
+
+    Raises:
+        InputError: As `agent_counts`.
+    """
+    find_roles = functools.cache(stage_roles)
+    return {scenario.name: agent_counts(scenario, base, find_roles) for scenario in config.scenarios}
 
 
 @dataclass(frozen=True)
@@ -122,20 +147,23 @@ class PlanEstimate:
     """A line for each scenario."""
 
 
-def describe_plan(config: Config, base: Path, device: str, samples: Sequence[SampledScenario] = ()) -> str:
+def describe_plan(
+    config: Config, base: Path, device: str, counts: AgentCounts, samples: Sequence[SampledScenario] = ()
+) -> str:
     """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
 
     Args:
         config: The configuration.
         base: Folder that relative paths start from.
         device: Device that would trace.
-        samples: Traced frames of each scenario, from which rows and bytes follow; without, the bytes are those of the
+        counts: See `count_agents`.
+        samples: Foreseen tables of each scenario, see `mmw.generation.foresee`; without, the bytes are those of the
             paper's scenarios.
 
     Raises:
-        InputError: If a stage of the user's own cannot be read.
+        InputError: If a town or stage is not there.
     """
-    plan = estimate_plan(config, base)
+    plan = estimate_plan(config, base, counts)
     lines = [
         f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s), "
         f"{config.frame_total} frames in all on {device}",
@@ -146,7 +174,7 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     size = plan.bytes
     if samples:
         size = sum(total(sample.bytes) for sample in samples)
-        lines += [f"tables, from {len(SAMPLE_PLACES)} or more traced frames of each scenario:", *table_lines(samples)]
+        lines += [_origin(samples), *table_lines(samples)]
         lines += [f"note: {line}" for line in dict.fromkeys(line for sample in samples for line in sample.notes)]
     else:
         lines.append("no frame was traced: bytes are those of the paper's scenarios, and notes are left out")
@@ -156,18 +184,25 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     return "\n".join(lines)
 
 
-def estimate_plan(config: Config, base: Path) -> PlanEstimate:
-    """Return about how many rays and bytes the scenarios of a configuration would take.
+def _origin(samples: Sequence[SampledScenario]) -> str:
+    """Return the heading of the tables, which says what was traced and what was inferred."""
+    traced = [sample.name for sample in samples if sample.is_traced]
+    if len(traced) == len(samples):
+        return "tables, from traced frames of each scenario:"
+    return (
+        f"tables, from traced frames of {len(traced)} of {len(samples)} scenarios ({', '.join(traced)}); the others "
+        "are inferred from those of the same town, else from all, by frames, agents, links and vehicles:"
+    )
 
-    Raises:
-        InputError: If a stage of the user's own cannot be read.
-    """
+
+def estimate_plan(config: Config, base: Path, counts: AgentCounts) -> PlanEstimate:
+    """Return about how many rays and bytes the scenarios of a configuration with these agents would take."""
     lines: list[str] = []
     total_rays = total_bytes = 0.0
     framed_tables = sum(table.framed for table in TABLES.values())
     for scenario in config.scenarios:
-        counts = agent_counts(scenario, base)
-        rays, size = frame_cost(config, counts, scenario)
+        own = counts[scenario.name]
+        rays, size = frame_cost(config, own, scenario)
         frame_rays = sum(rays.values())
         frame_count = config.frames_of(scenario).count
         shards = -(-frame_count // config.output.shard_frames)
@@ -175,8 +210,8 @@ def estimate_plan(config: Config, base: Path) -> PlanEstimate:
         total_bytes += (size * frame_count + shards * framed_tables * FILE_BYTES) * len(config.weathers)
         each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
-            f"  {scenario.name}: {scenario_source(scenario, base).name}, {counts['cav']} CAV + {counts['rsu']} RSU "
-            f"among {counts['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
+            f"  {scenario.name}: {scenario_source(scenario, base).name}, {own['cav']} CAV + {own['rsu']} RSU "
+            f"among {own['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
         )
     return PlanEstimate(total_rays, total_bytes, tuple(lines))
 
@@ -191,7 +226,7 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     rays: dict[str, int] = {}
     size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
-        samples = _carriers(sensor, counts, scenario) * share(sensor)
+        samples = carrier_count(sensor, counts, scenario) * share(sensor)
         cost = spec_of(sensor).estimate(sensor)
         if cost.rays:
             rays[sensor.name] = round(samples * cost.rays)
@@ -199,24 +234,29 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
-        senders, links = 0.0, 0
-        if "v2i" in channel.links:
-            senders, links = float(counts["rsu"]), counts["rsu"] * counts["cav"]
+        senders = float(counts["rsu"]) if "v2i" in channel.links else 0.0
         if "v2v" in channel.links and counts["cav"] > 1:
-            senders, links = senders + half * counts["cav"], links + counts["cav"] * (counts["cav"] - 1)
+            senders += half * counts["cav"]
         if channel.candidates == "launch":
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * PATH_BYTES)
-        size += links * link_size * share(channel)
+        size += link_count(channel, counts) * link_size * share(channel)
     return rays, size
 
 
-def _carriers(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
+def carrier_count(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many agents carry a sensor."""
     rsus = {rsu.name for rsu in scenario.rsus}
     named = [name for name in sensor.on if name not in AGENT_ROLES]
     others = sum(("rsu" if name in rsus else "cav") not in sensor.on for name in named)
     return sum(counts[role] for role in AGENT_ROLES if role in sensor.on) + others
+
+
+def link_count(channel: ChannelConfig, counts: Mapping[str, int]) -> int:
+    """Return how many links a frame has at one carrier."""
+    cavs = counts["cav"]
+    v2i = counts["rsu"] * cavs if "v2i" in channel.links else 0
+    return v2i + (cavs * (cavs - 1) if "v2v" in channel.links else 0)
 
 
 def _paths(channel: ChannelConfig) -> float:
