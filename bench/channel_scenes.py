@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from bench.scenes import shipped_town
-from mmw.channel.links import LINK_V2I, LINK_V2V, Links
+from mmw.channel.links import Links
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.scene.mounted_antennas import RadioDevices
@@ -140,7 +140,7 @@ def make_links(course: Course, kind: str, *, one_frame: bool = False) -> Links:
     return Links(
         frame=batch_index.astype(np.int32),
         batch_index=batch_index.astype(np.int32),
-        kind=np.full(len(frame), LINK_V2I if kind == "v2i" else LINK_V2V, dtype=np.int8),
+        kind=np.zeros(len(frame), dtype=np.int8),
         tx_actor=tx.astype(np.int32),
         rx_actor=(rx + nodes * frame if one_frame else rx).astype(np.int32),
         tx_antenna=np.zeros(len(frame), dtype=np.int32),

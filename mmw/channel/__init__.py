@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mmw.channel.antennas.array_response import apply_arrays, plane_wave_error, rotations_from_poses
-    from mmw.channel.antennas.arrays import AntennaArray, PlanarArray, ula, upa
+    from mmw.channel.antennas.arrays import AntennaArray, PlanarArray, array_from_row, ula, upa
     from mmw.channel.antennas.directivity import pattern_directivity, radiated_power
     from mmw.channel.antennas.patterns import PatternTable, register_pattern
     from mmw.channel.antennas.per_element_links import per_element_links
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _HOME = {
     "antennas.array_response": ("apply_arrays", "plane_wave_error", "rotations_from_poses"),
-    "antennas.arrays": ("AntennaArray", "PlanarArray", "ula", "upa"),
+    "antennas.arrays": ("AntennaArray", "PlanarArray", "array_from_row", "ula", "upa"),
     "antennas.directivity": ("pattern_directivity", "radiated_power"),
     "antennas.patterns": ("PatternTable", "register_pattern"),
     "antennas.per_element_links": ("per_element_links",),
@@ -47,9 +47,9 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [
     "LINK_COLUMNS", "PATH_COLUMNS", "AntennaArray", "CarrierPaths", "CirGenerator", "MeasurementSurface",
     "PathSolver", "PathTracks", "Paths", "PatternTable", "PlanarArray", "RadioMap", "RadioMapSolver", "apply_arrays",
-    "beam_gains", "best_beams", "complex_gain", "dft_codebook", "frequency_response", "impulse_response",
-    "mesh_surface", "normalized_gain", "pattern_directivity", "per_element_links", "plane_grid", "plane_wave_error",
-    "radiated_power", "register_pattern", "road_grid", "rotations_from_poses", "rows_from_paths",
+    "array_from_row", "beam_gains", "best_beams", "complex_gain", "dft_codebook", "frequency_response",
+    "impulse_response", "mesh_surface", "normalized_gain", "pattern_directivity", "per_element_links", "plane_grid",
+    "plane_wave_error", "radiated_power", "register_pattern", "road_grid", "rotations_from_poses", "rows_from_paths",
     "subcarrier_frequencies", "taps", "tracks_from_paths", "tracks_from_table", "ula", "upa",
 ]  # fmt: skip
 

@@ -95,19 +95,19 @@ class PathSet:
         return (np.arange(len(self)) - (np.cumsum(self.count) - self.count)[self.link]).astype(np.int32)
 
 
-def path_ids(tx_actor: np.ndarray, rx_actor: np.ndarray, interaction: np.ndarray, surface: np.ndarray) -> np.ndarray:
+def path_ids(tx_number: np.ndarray, rx_number: np.ndarray, interaction: np.ndarray, surface: np.ndarray) -> np.ndarray:
     """Return a 63-bit hash of transmitter, receiver and interactions of each path, shape [P], int64.
 
     Args:
-        tx_actor: Actor index of the transmitter, shape [P].
-        rx_actor: Actor index of the receiver, shape [P].
+        tx_number: Number of the transmitting antenna, shape [P].
+        rx_number: Number of the receiving antenna, shape [P].
         interaction: Shape [P, D]; columns of zeros behind the last interaction change nothing.
         surface: Shape [P, D].
 
     Source: the finaliser of SplitMix64, G. L. Steele et al., OOPSLA 2014, applied word by word.
     """
-    value = np.zeros(len(tx_actor), dtype=np.uint64)
-    for word in (tx_actor, rx_actor):
+    value = np.zeros(len(tx_number), dtype=np.uint64)
+    for word in (tx_number, rx_number):
         value = _mixed(value, word)
     for column in range(interaction.shape[1]):
         is_there = interaction[:, column] != 0

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.links import LINK_KINDS, Links
+from mmw.channel.links import Links
 from mmw.channel.paths import PATH_KINDS, PATH_LOS, PathSet
 from mmw.scene.table_rows import Columns, choices
 
 
-def link_rows(agents: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
+def link_rows(agents: Sequence[str], kinds: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
     """Return the `links` table: every link at every carrier, also those without a path.
 
-    `agents` has the names that `tx_actor` and `rx_actor` of the links count.
+    `agents` has the names that `tx_actor` and `rx_actor` of the links count, `kinds` those of `kind`.
     """
     count, carriers = len(links), len(paths.carriers_hz)
     is_los = np.zeros(count, dtype=bool)
@@ -48,7 +48,7 @@ def link_rows(agents: Sequence[str], links: Links, paths: PathSet, weather: str)
         "agent": choices(agents, links.rx_actor[link]),
         "peer": choices(agents, links.tx_actor[link]),
         "carrier_hz": paths.carriers_hz[carrier],
-        "link": choices(LINK_KINDS, links.kind[link]),
+        "link": choices(kinds, links.kind[link]),
         "path_count": paths.count[link],
         "is_los": is_los[link],
         "gain_db": optional(10.0 * np.log10(weight)),

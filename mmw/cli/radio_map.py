@@ -12,11 +12,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mmw import __version__
-from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
 from mmw.channel.radio_map.scene_surface import PLANE, ROADS, scene_surface
 from mmw.channel.radio_map.solver import solve_radio_map
@@ -68,7 +68,9 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         action=argparse.BooleanOptionalAction,
         help="follow what passes through slabs; channel.refraction by default",
     )
-    result.add_argument("--power", type=float, default=44.0, metavar="DBM", help="power of each transmitter [dBm]")
+    result.add_argument(
+        "--power", type=float, metavar="DBM", help="power of each transmitter [dBm]; its antenna's by default"
+    )
     result.add_argument("--bandwidth", type=float, default=1e6, metavar="HZ", help="bandwidth of the noise [Hz]")
     result.add_argument("--temperature", type=float, default=293.0, metavar="K", help="temperature of the noise [K]")
     result.add_argument("--device", metavar="NAME", help="auto, cpu or cuda:N; compute.device by default")
@@ -115,8 +117,7 @@ def run(arguments: argparse.Namespace) -> None:
     transmitters = actor_transmitters(
         arrays,
         frame,
-        mount_m=channel.antenna_position_m["rsu"],
-        array=PlanarArray(pattern=channel.pattern, polarization=channel.polarization),
+        antennas=channel.antennas,
         power_dbm=arguments.power,
     )
     if arguments.size is not None and not arguments.size > 0.0:
@@ -153,12 +154,13 @@ def run(arguments: argparse.Namespace) -> None:
         "surface": PLANE if arguments.plane else ROADS,
         "cell_m": arguments.cell,
         "height_m": arguments.height,
-        "power_dbm": arguments.power,
+        "power_dbm": transmitters.power_dbm.tolist(),
         **asdict(map_config),
         "config_sha256": config.sha256(),
         "mmw_version": __version__,
         "device": device_name(device),
     }
+    power = ", ".join(f"{value:g}" for value in np.unique(transmitters.power_dbm))
     rays = len(transmitters) * map_config.samples_per_tx
     print(
         f"{scenario.name}, {weather}, frame {frame}: {len(transmitters)} transmitter(s), "
@@ -175,7 +177,7 @@ def run(arguments: argparse.Namespace) -> None:
             arrays,
             frame,
             stem.with_suffix(".png"),
-            f"{scenario.name}, {weather}, frame {frame}: {arguments.carrier / 1e9:g} GHz, {arguments.power:g} dBm, "
+            f"{scenario.name}, {weather}, frame {frame}: {arguments.carrier / 1e9:g} GHz, {power} dBm, "
             f"{over} {arguments.height:g} m, depth {map_config.max_depth}",
         )
         print(stem.with_suffix(".png"))

@@ -1,40 +1,78 @@
-"""Choose what an agent has: by its own name, or by its role."""
+"""Choose agents: by their names, models, classes or roles."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TypeVar
+from typing import Annotated
 
-from mmw.config.section import PrimName
+from pydantic import Field
+
 from mmw.core.errors import InputError
 
-Value = TypeVar("Value")
+AGENT_ROLES = ("cav", "rsu", "vru", "uav", "bs")
+"""Roles of agents: connected vehicles, roadside units, connected vulnerable road users, drones and base stations.
 
-AGENT_ROLES = ("cav", "rsu")
-"""Roles of agents: connected vehicles and roadside units."""
+Source: V-ITS-S, R-ITS-S and VRU of ETSI EN 302 665 and TS 103 300-2; aerial UE of 3GPP TR 36.777; BS of TR 38.901.
+"""
 
-AgentKey = PrimName
-"""A role, or the name of an agent, such as `cav_2`."""
+ROLE_MOUNTS: Mapping[str, tuple[float, float, float]] = {
+    "cav": (0.0, 0.0, 2.5),
+    "rsu": (0.0, 0.0, 4.0),
+    "vru": (0.2, 0.0, 1.2),
+    "uav": (0.0, 0.0, -0.15),
+    "bs": (0.0, 0.0, 3.0),
+}
+"""Role -> place in the open on an agent, in its frame, x forward, y left, z up [m]: on the roof, on the pole, a phone
+held in front of the chest, below the drone, on a mast. Design values."""
+
+AgentKey = Annotated[str, Field(pattern=r"^((model|label):)?[A-Za-z][A-Za-z0-9_]*$", max_length=70)]
+"""A role, the name of an agent, such as `cav_2`, or `model:` or `label:` with the vehicle model or semantic class of an
+agent, as in `label:bus`."""
+
+MODEL, LABEL = "model:", "label:"
+"""Prefixes of keys that go by the model and the semantic class of an agent."""
 
 
-def of_agent(values: Mapping[str, Value], role: str, name: str, default: Value) -> Value:
-    """Return the value of an agent: that of its name, else that of its role."""
-    return values.get(name, values.get(role, default))
+Identity = tuple[str, str, str, str] | tuple[str, str]
+"""Role and name of an actor, and its model and class where they are known."""
 
 
-def check_agents(where: str, keys: Iterable[str], agents: Iterable[str]) -> None:
-    """Check that keys are roles or names of agents.
+@dataclass(frozen=True)
+class AgentIdentity:
+    """Role, name, model and class of an actor: each can choose it."""
+
+    role: str
+    name: str
+    model: str = ""
+    """Vehicle model, such as `city_bus`; empty if it is not known."""
+    label: str = ""
+    """Semantic class, such as `bus`; empty if it is not known."""
+
+    @property
+    def identity(self) -> tuple[str, str, str, str]:
+        """Role, name, model and class."""
+        return (self.role, self.name, self.model, self.label)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys that choose the agent, the most specific first: name, model, class, role."""
+        kinds = (MODEL + self.model, LABEL + self.label) if self.role in AGENT_ROLES else ()
+        return (self.name, *kinds, self.role)
+
+
+def check_agent(where: str, key: str, agents: Iterable[str]) -> None:
+    """Check that a key is a role or the name of an agent; models and classes are known with their stages only.
 
     Args:
-        where: Key of the configuration, for the message.
-        keys: The keys.
+        where: Place in the configuration, for the message.
+        key: The key.
         agents: Names of the agents of all scenarios.
 
     Raises:
-        InputError: If one is neither.
+        InputError: If it is neither.
     """
     known = (*AGENT_ROLES, *agents)
-    for key in keys:
-        if key not in known:
-            near = get_close_matches(key, known, n=1)
-            cure = f"did you mean `{near[0]}`?" if near else f"there are {', '.join(known)}"
-            raise InputError(f"{where} names {key!r}, which is no role and no agent; {cure}")
+    if key not in known and not key.startswith((MODEL, LABEL)):
+        near = get_close_matches(key, known, n=1)
+        cure = f"did you mean `{near[0]}`?" if near else f"there are {', '.join(known)}"
+        raise InputError(f"{where} names {key!r}, which is no role and no agent; {cure}")

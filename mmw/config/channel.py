@@ -1,12 +1,14 @@
 """`channel`: the radio links and how their paths are traced. Defaults are the paper's ray-tracing parameters."""
 
+from collections.abc import Sequence
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
-from mmw.config.agent_keys import AgentKey, of_agent
+from mmw.config.agent_keys import Identity
+from mmw.config.antennas import AntennaConfig
+from mmw.config.links import LINK_RULES, LinkEnds, LinkName, LinkRule, link_ends
 from mmw.config.sampling import Sampling
-from mmw.config.section import Vec3
 from mmw.core.errors import InputError
 
 
@@ -17,9 +19,13 @@ class ChannelConfig(Sampling):
     carriers_hz: tuple[float, ...] = Field(
         default=(28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]"
     )
-    links: tuple[Literal["v2i", "v2v"], ...] = Field(
+    links: tuple[LinkName | LinkRule, ...] = Field(
         default=("v2i",),
-        description="`v2i`: every RSU to every CAV (downlink); `v2v`: every ordered pair of CAVs (list)",
+        description="rules of links: names of built-in ones, such as `v2i`, every RSU to every CAV, or `v2v`, every "
+        "ordered pair of CAVs; or definitions (list)",
+    )
+    antennas: tuple[AntennaConfig, ...] = Field(
+        default_factory=lambda: (AntennaConfig(),), description="antennas of the agents (list)"
     )
     samples_per_tx: int = Field(
         default=1_000_000,
@@ -48,34 +54,30 @@ class ChannelConfig(Sampling):
     diffuse_samples: int = Field(
         default=1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )
-    pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
-        default="dipole", description="element pattern of both ends; tr38901 looks along the agent's x (name)"
-    )
-    polarization: Literal["V", "H"] = Field(default="V", description="polarization of both ends (name)")
-    antenna_position_m: dict[AgentKey, Vec3] = Field(
-        default_factory=lambda: {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)},
-        description="role, or name of an agent -> antenna in its frame, x forward, y left, z up; the LiDAR's place by "
-        "default, also for a role that is left out [m]",
-    )
-
-    def antenna_on(self, role: str, name: str) -> Vec3:
-        """Return the antenna's place on an agent, by its name or else its role [m]; its origin for other actors."""
-        return of_agent(self.antenna_position_m, role, name, (0.0, 0.0, 0.0))
 
     @property
     def antenna_names(self) -> tuple[str, ...]:
         """Names of the antennas."""
-        return ("antenna",)
+        return tuple(antenna.name for antenna in self.antennas)
+
+    @property
+    def link_rules(self) -> tuple[LinkRule, ...]:
+        """Rules of the links, built-in ones as their definitions."""
+        return tuple(LINK_RULES[rule] if isinstance(rule, str) else rule for rule in self.links)
+
+    @property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the rules."""
+        return tuple(rule.name for rule in self.link_rules)
+
+    def link_ends(self, agents: Sequence[Identity]) -> list[LinkEnds]:
+        """Return the links of actors, given by role, name, model and class; see `mmw.config.links.link_ends`."""
+        return link_ends(self.link_rules, self.antennas, agents)
 
     @property
     def is_reciprocal(self) -> bool:
         """True if a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
         return not (self.diffraction or self.diffuse_reflection)
-
-    @field_validator("antenna_position_m")
-    @classmethod
-    def _every_role(cls, value: dict[str, Vec3]) -> dict[str, Vec3]:
-        return {**cls.model_fields["antenna_position_m"].get_default(call_default_factory=True), **value}
 
     @field_validator("carriers_hz")
     @classmethod
@@ -86,3 +88,19 @@ class ChannelConfig(Sampling):
         if not value or len(set(value)) != len(value):
             raise InputError(f"{list(value)}: give at least one carrier, each once")
         return value
+
+    @model_validator(mode="after")
+    def _names_fit(self) -> "ChannelConfig":
+        for key, names in (("antennas", self.antenna_names), ("links", self.link_names)):
+            if len(set(names)) != len(names):
+                raise InputError(f"{key} are named {', '.join(names)}; give each its own name")
+        if not self.antennas:
+            raise InputError("antennas is an empty list; leave it out for the default, or give one")
+        for rule in self.link_rules:
+            for name in (*rule.tx_antennas, *rule.rx_antennas):
+                if name not in self.antenna_names:
+                    raise InputError(
+                        f"links: rule {rule.name!r} names antenna {name!r}; there are {', '.join(self.antenna_names)}; "
+                        "name one of them"
+                    )
+        return self

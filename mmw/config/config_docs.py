@@ -19,7 +19,7 @@ PAPER, CARLA, HDL64 = "paper", "CARLA 0.9.15", "HDL-64E"
 SOURCES = {
     **dict.fromkeys(
         (
-            "channel.carriers_hz", "channel.samples_per_tx", "channel.max_depth", "channel.pattern",
+            "channel.carriers_hz", "channel.samples_per_tx", "channel.max_depth", "channel.antennas.pattern",
             "scenarios.traffic.signals", "sensors.lidar.channels", "sensors.lidar.points_per_channel",
             "sensors.lidar.range_m", "sensors.lidar.upper_fov_deg", "sensors.lidar.lower_fov_deg",
             "sensors.lidar.rate_hz", "sensors.depth.rate_hz", "sensors.depth.width_px", "sensors.depth.height_px",

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from mmw.config.agent_keys import check_agents
+from mmw.config.agent_keys import check_agent
 from mmw.config.air import AirConfig, resolve_air
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
@@ -78,9 +78,12 @@ class Config(Section):
         sensors = [sensor.name for sensor in self.sensors]
         if len(set(sensors)) != len(sensors):
             raise InputError(f"sensors are named {sensors}; give each its own name")
-        prims = [name.replace("-", "_") for name in sensors]  # their names in the USD stage, beside the antenna
-        if len(set(prims) | {"antenna"}) != len(prims) + 1:
-            raise InputError(f"sensors are named {sensors}; `antenna` is taken, and `-` counts as `_`; rename one")
+        names = [*sensors, *self.channel.antenna_names]
+        if len({name.replace("-", "_") for name in names}) != len(names):  # their names in the USD stage
+            raise InputError(
+                f"sensors are named {', '.join(sensors)}, and antennas {', '.join(self.channel.antenna_names)}; each "
+                "needs a name of its own, and `-` counts as `_`; rename one"
+            )
         if not self.weathers:
             raise InputError("weathers is empty; name at least one, for example [sunny]")
         if len(set(self.weathers)) != len(self.weathers):
@@ -92,10 +95,8 @@ class Config(Section):
         agents = self.agent_names
         if agents is None:
             return self
-        for index, sensor in enumerate(self.sensors):
-            check_agents(f"sensors[{index}].on", sensor.on, agents)
-            check_agents(f"sensors[{index}].mount", sensor.mount, agents)
-        check_agents("channel.antenna_position_m", self.channel.antenna_position_m, agents)
+        for where, key in self.agent_keys:
+            check_agent(where, key, agents)
         return self
 
     @model_validator(mode="after")
@@ -139,14 +140,27 @@ class Config(Section):
         return found[name] if name else self.scenarios[0]
 
     @property
+    def agent_keys(self) -> list[tuple[str, str]]:
+        """Places of the configuration that choose agents, and their keys there."""
+        mounted = [(f"sensors[{index}]", one) for index, one in enumerate(self.sensors)]
+        mounted += [(f"channel.antennas[{index}]", one) for index, one in enumerate(self.channel.antennas)]
+        places = [(f"{where}.{name}", getattr(one, name)) for where, one in mounted for name in ("on", "mount")]
+        for index, rule in enumerate(self.channel.links):
+            if not isinstance(rule, str):
+                places += [(f"channel.links[{index}].{name}", getattr(rule, name)) for name in ("tx", "rx")]
+        return [(where, key) for where, keys in places for key in keys]
+
+    @property
     def agent_names(self) -> tuple[str, ...] | None:
         """Names of the agents of all scenarios; None if a stage or an engine of another package gives some."""
         engines = [scenario.traffic.engine if scenario.traffic else "" for scenario in self.scenarios]
         if not {*engines} <= {"idm", "sumo", "replay"}:
             return None
-        cavs = max(len(one.traffic.cav_ids or one.traffic.cav_ranks) for one in self.scenarios if one.traffic)
-        rsus = dict.fromkeys(rsu.name for scenario in self.scenarios for rsu in scenario.rsus)
-        return (*(f"cav_{number + 1}" for number in range(cavs)), *rsus)
+        cavs = max(one.traffic.cav_count for one in self.scenarios if one.traffic)
+        vrus = max(one.traffic.vru_count for one in self.scenarios if one.traffic)
+        placed = dict.fromkeys(name for scenario in self.scenarios for name in scenario.placed_names)
+        numbered = [f"{role}_{number + 1}" for role, count in (("cav", cavs), ("vru", vrus)) for number in range(count)]
+        return (*numbered, *placed)
 
     def check_single(self, use: str) -> None:
         """Check that this is the configuration of one dataset.

@@ -1,12 +1,14 @@
-"""`scenarios`: world, traffic, connected vehicles, roadside units."""
+"""`scenarios`: world, traffic, agents."""
 
 import re
+from collections import Counter
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, SerializerFunctionWrapHandler, field_validator, model_serializer, model_validator
 
 from mmw.config.material_map import MaterialEntry
-from mmw.config.section import InputFile, InputPath, Name, PathText, PrimName, Section, Vec3
+from mmw.config.placed_agents import BaseStationConfig, RsuConfig, UavConfig
+from mmw.config.section import InputFile, InputPath, Name, PathText, Section, Vec3, without_empty
 from mmw.config.traffic_engine import ENGINE_KEYS, ENGINES, engine_spec
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import FRAME_RATES, check_frame_rate
@@ -41,17 +43,7 @@ class FramesConfig(Section):
     @model_serializer(mode="wrap")
     def _without_default(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out a rate that is not given, so that configurations of before there were rates keep their hash."""
-        return {key: value for key, value in handler(self).items() if key != "rate_hz" or value is not None}
-
-
-class RsuConfig(Section):
-    """One roadside unit: a fixed agent with sensors and a transmitter."""
-
-    name: PrimName = Field(default="rsu_1", description="agent name of the unit; the `agent` key of its rows (name)")
-    position_m: Vec3 = Field(description="foot of the unit in the world frame, x east, y north, z up [m]")
-    yaw_deg: float = Field(
-        default=0.0, ge=-360, le=360, description="heading of the unit, counter-clockwise from east [deg]"
-    )
+        return without_empty(handler(self), "rate_hz")
 
 
 class TrafficConfig(Section):
@@ -87,6 +79,11 @@ class TrafficConfig(Section):
         default=False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
     )
     pedestrian_count: int = Field(default=0, ge=0, le=500, description="people walking on the sidewalks (count)")
+    vru_ranks: tuple[int, ...] = Field(
+        default=(),
+        description="zero-based ranks, by distance to `spawn_center_m`, of the pedestrians that become connected VRUs, "
+        "`vru_1` first (rank)",
+    )
     trajectories: InputPath | None = Field(
         default=None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
     )
@@ -97,6 +94,21 @@ class TrafficConfig(Section):
     options: dict[str, Any] = Field(
         default_factory=dict, description="keys of an engine of another package, which checks them (map)"
     )
+
+    @model_serializer(mode="wrap")
+    def _without_new_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out keys that are not used, so that configurations of before there were such keep their hash."""
+        return without_empty(handler(self), "vru_ranks")
+
+    @property
+    def cav_count(self) -> int:
+        """Number of connected vehicles."""
+        return len(self.cav_ids or self.cav_ranks)
+
+    @property
+    def vru_count(self) -> int:
+        """Number of connected vulnerable road users."""
+        return len(self.vru_ranks)
 
     @model_validator(mode="after")
     def _engine_fits(self) -> "TrafficConfig":
@@ -118,15 +130,10 @@ class TrafficConfig(Section):
 
     @model_validator(mode="after")
     def _ranks_exist(self) -> "TrafficConfig":
+        _check_ranks("vru_ranks", self.vru_ranks, "pedestrian", self.pedestrian_count)
         if self.cav_ids:  # they set the connected ones
             return self
-        for rank in self.cav_ranks:
-            if not 0 <= rank < self.vehicle_count:
-                raise InputError(
-                    f"cav_ranks holds {rank}; ranks count from 0 to vehicle_count - 1 = {self.vehicle_count - 1}"
-                )
-        if len(set(self.cav_ranks)) != len(self.cav_ranks):
-            raise InputError(f"cav_ranks = {list(self.cav_ranks)} names a vehicle twice; give each rank once")
+        _check_ranks("cav_ranks", self.cav_ranks, "vehicle", self.vehicle_count)
         if len(self.cav_models) > len(self.cav_ranks):
             raise InputError(
                 f"cav_models names {len(self.cav_models)} models for {len(self.cav_ranks)} CAVs; give at most one each"
@@ -137,6 +144,14 @@ class TrafficConfig(Section):
                 f"{self.vehicle_count} vehicles; choose a number from {len(self.cav_ranks)} to {self.vehicle_count}"
             )
         return self
+
+
+def _check_ranks(key: str, ranks: tuple[int, ...], what: str, count: int) -> None:
+    for rank in ranks:
+        if not 0 <= rank < count:
+            raise InputError(f"{key} holds {rank}; ranks count from 0 to {what}_count - 1 = {count - 1}")
+    if len(set(ranks)) != len(ranks):
+        raise InputError(f"{key} = {list(ranks)} names a {what} twice; give each rank once")
 
 
 class ScenarioConfig(Section):
@@ -151,11 +166,13 @@ class ScenarioConfig(Section):
     )
     traffic: TrafficConfig | None = Field(default=None, description="moving vehicles; needed with `town` (section)")
     rsus: tuple[RsuConfig, ...] = Field(default=(), description="roadside units (list)")
+    base_stations: tuple[BaseStationConfig, ...] = Field(default=(), description="base stations (list)")
+    uavs: tuple[UavConfig, ...] = Field(default=(), description="drones; with `town` (list)")
     frames: FramesConfig | None = Field(
         default=None,
         description="frames of this scenario; `frames` of the configuration wins; 1000 without either (section)",
     )
-    actor_roles: dict[str, Literal["cav", "vehicle", "rsu", "pedestrian"]] = Field(
+    actor_roles: dict[str, Literal["cav", "vehicle", "rsu", "pedestrian", "vru", "uav", "bs"]] = Field(
         default_factory=dict,
         description="with `stage`: prim path -> role, where the stage has no `mmw:actor:role` (map)",
     )
@@ -174,12 +191,39 @@ class ScenarioConfig(Section):
             raise InputError("`town` needs `traffic` (vehicle_count, spawn_center_m, cav_ranks)")
         if self.stage is not None and self.traffic is not None:
             raise InputError("`stage` brings its own motion; remove `traffic`")
-        names = [rsu.name for rsu in self.rsus]
-        if len(set(names)) != len(names):
-            raise InputError(f"rsus = {names} names a unit twice; give each its own name")
-        taken = [name for name in names if re.fullmatch(r"(cav|veh)_\d+", name)]
-        if taken and self.town is not None:
-            raise InputError(f"rsus holds {taken[0]!r}, a name of generated vehicles; rename it, for example rsu_1")
+        for key, example in (("rsus", "rsu_1"), ("base_stations", "bs_1"), ("uavs", "uav_1")):
+            names = [agent.name for agent in getattr(self, key)]
+            if len(set(names)) != len(names):
+                raise InputError(f"{key} = {names} names a unit twice; give each its own name")
+            taken = [name for name in names if re.fullmatch(self._generated_names, name)]
+            if taken and self.town is not None:
+                raise InputError(f"{key} holds {taken[0]!r}, a name of generated traffic; rename it, such as {example}")
+        shared = [name for name, count in Counter(self.placed_names).items() if count > 1]
+        if shared:
+            raise InputError(f"{shared[0]!r} is in two of rsus, base_stations and uavs; agents need names of their own")
+        if self.stage is not None and self.uavs:
+            raise InputError("`uavs` goes with `town`; a drone of a `stage` is an actor of it; give it the role uav")
         if self.town is not None and self.actor_roles:
             raise InputError("`actor_roles` goes with `stage`; vehicles of generated traffic have roles; remove it")
         return self
+
+    @model_serializer(mode="wrap")
+    def _without_new_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out keys that are not used, so that configurations of before there were such keep their hash."""
+        return without_empty(handler(self), "base_stations", "uavs")
+
+    @property
+    def placed_names(self) -> tuple[str, ...]:
+        """Names of the agents that the scenario places itself."""
+        return tuple(agent.name for agent in (*self.rsus, *self.base_stations, *self.uavs))
+
+    @property
+    def has_units(self) -> bool:
+        """Whether it places agents that stand."""
+        return bool(self.rsus or self.base_stations)
+
+    @property
+    def _generated_names(self) -> str:
+        """Pattern of the names that generated traffic gives."""
+        has_vrus = self.traffic is not None and self.traffic.vru_count > 0
+        return rf"(cav|veh{'|vru' if has_vrus else ''})_\d+"

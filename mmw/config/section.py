@@ -54,3 +54,8 @@ class Section(BaseModel):
 
         # Pydantic would call it for sections inside others too, whose errors are lines of the outermost one.
         __init__.__pydantic_base_init__ = True
+
+
+def without_empty(data: dict[str, Any], *keys: str) -> dict[str, Any]:
+    """Return the values of a section without those of some keys that are empty."""
+    return {key: value for key, value in data.items() if value or key not in keys}

@@ -4,7 +4,7 @@ from typing import Any
 
 from pydantic import Field, field_validator
 
-from mmw.config.agent_keys import AgentKey, of_agent
+from mmw.config.agent_keys import ROLE_MOUNTS, AgentIdentity, AgentKey
 from mmw.config.sampling import Sampling
 from mmw.config.section import Name, Section, Vec3
 from mmw.core.errors import InputError
@@ -40,16 +40,19 @@ def mounts_at(**position_m: Vec3) -> Any:
     """Return the field `mount` of a kind of sensor, with the place of the sensor on each role by default [m]."""
     return Field(
         default_factory=lambda: {role: MountConfig(position_m=place) for role, place in position_m.items()},
-        description="mount for each role, or for an agent by its name; a role that is left out keeps its default (map)",
+        description="mount by name of an agent, `model:` or `label:` and its model or class, or role, the first of "
+        "these; a role that is left out keeps its default, which is (0.2, 0, 1.2) for vru, (0, 0, -0.15) for uav and "
+        "(0, 0, 3) for bs (map)",
     )
 
 
-class SensorConfig(Sampling):
-    """One sensor of an agent: the base of every sensor's section."""
+class Mounted(Section):
+    """A section of what agents carry: which agents, and where on them."""
 
-    type: str
-    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
-    on: tuple[AgentKey, ...] = Field(description="agents that carry it: roles `cav`, `rsu`, or names (list)")
+    on: tuple[AgentKey, ...] = Field(
+        description="agents that carry it: roles `cav`, `rsu`, `vru`, `uav`, `bs`, names, or `model:` or `label:` and "
+        "a model or class (list)"
+    )
     mount: dict[AgentKey, MountConfig] = mounts_at()
 
     @field_validator("on")
@@ -64,13 +67,26 @@ class SensorConfig(Sampling):
     def _every_role(cls, value: dict[AgentKey, MountConfig]) -> dict[AgentKey, MountConfig]:
         return {**cls.model_fields["mount"].get_default(call_default_factory=True), **value}
 
-    def is_on(self, role: str, name: str) -> bool:
-        """Return whether an agent carries the sensor."""
-        return role in self.on or name in self.on
+    def is_on(self, role: str, name: str, model: str = "", label: str = "") -> bool:
+        """Return whether an agent carries it, by its name, model, class or role."""
+        return any(key in self.on for key in AgentIdentity(role, name, model, label).keys)
 
-    def mount_on(self, role: str, name: str) -> MountConfig:
-        """Return the mount on an actor, by its name or else its role; the actor's origin where the sensor has none.
+    def mount_on(self, role: str, name: str, model: str = "", label: str = "") -> MountConfig:
+        """Return the mount on an actor: by its name, else its model, its class, its role; else the place of the role.
 
-        A vehicle or a pedestrian that is no agent carries a sensor where a CAV does.
+        The origin of a CAV or a roadside unit where there is no mount. A vehicle or a pedestrian that is no agent
+        carries it where a CAV does.
         """
-        return of_agent(self.mount, "cav" if role in ("vehicle", "pedestrian") else role, name, MountConfig())
+        role = "cav" if role in ("vehicle", "pedestrian") else role
+        keys = AgentIdentity(role, name, model, label).keys
+        found = next((self.mount[key] for key in keys if key in self.mount), None)
+        if found is None and role in ("vru", "uav", "bs"):
+            return MountConfig(position_m=ROLE_MOUNTS[role])
+        return found or MountConfig()
+
+
+class SensorConfig(Sampling, Mounted):
+    """One sensor of an agent: the base of every sensor's section."""
+
+    type: str
+    name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")

@@ -48,12 +48,13 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
             "poses": pose_rows(batch.arrays, frames, batch.motion),
             "boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion)),
         }
+        collect(collected, tables)
         if batch.config.channel.enabled:
             channel = batch.config.channel
             due = channel.is_due(frames, batch.arrays.rate_hz)
-            sight = trace_sight(batch.scene, frames, dict(channel.antenna_position_m), due)
-            tables["box_visibility"] = sight_rows(batch.arrays, "antenna", sight)
-        collect(collected, tables)
+            for antenna in channel.antennas:
+                sight = trace_sight(batch.scene, frames, antenna, due)
+                collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
 
 
 def capture_sensors(
@@ -102,6 +103,6 @@ def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int],
         paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
         agents = [actor.name for actor in batch.arrays.actors]
         for weather, tables in collected.items():
-            tables["links"].append(link_rows(agents, links, paths, weather))
+            tables["links"].append(link_rows(agents, config.link_names, links, paths, weather))
             tables["paths"].append(path_rows(agents, links, paths, weather))
     batch.clock.rays["channel"] += launched_rays(links, config)

@@ -1,12 +1,13 @@
 """Warn of settings that are allowed but probably unintended, one line each: above all of what finds nothing here."""
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
-from mmw.config.agent_keys import AGENT_ROLES
+from mmw.config.agent_keys import AGENT_ROLES, Identity
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
@@ -15,18 +16,12 @@ from mmw.scene.scene_data import SceneData
 
 def configuration_warnings(arrays: SceneData, config: Config, scenario: ScenarioConfig) -> Iterator[str]:
     """Yield all warnings about a scenario."""
-    roles = [actor.role for actor in arrays.actors]
-    cavs, rsus = roles.count("cav"), roles.count("rsu")
-    links = config.channel.links if config.channel.enabled else ()
-    if "v2i" in links and not (cavs and rsus):
-        yield f"channel.links has v2i, but there are {cavs} CAVs and {rsus} RSUs: no such link"
-    if "v2v" in links and cavs < 2:
-        yield f"channel.links has v2v, but there is {cavs} CAV: no such link"
-    agents = [(actor.role, actor.name) for actor in arrays.actors]
+    agents = [actor.identity for actor in arrays.actors]
+    if config.channel.enabled:
+        yield from _link_warnings(agents, config)
     idle = [one for one in config.sensors if one.on and not any(one.is_on(*agent) for agent in agents)]
     if idle:
-        keys = sorted({key for sensor in idle for key in sensor.on})
-        wanted = " or ".join(key.upper() if key in AGENT_ROLES else key for key in keys)
+        wanted = _carriers(key for sensor in idle for key in sensor.on)
         yield f"sensors: there is no {wanted} to carry {', '.join(sensor.name for sensor in idle)}: no rows of them"
     frames = config.frames_of(scenario)
     sampled: list[tuple[str, Sampling]] = [(f"sensors: {sensor.name}", sensor) for sensor in config.sensors]
@@ -45,6 +40,26 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
         yield from _channel_warnings(arrays, config)
     if any(spec_of(sensor).needs_appearance for sensor in config.sensors):
         yield from arrays.look_notes
+
+
+def _link_warnings(agents: Sequence[Identity], config: Config) -> Iterator[str]:
+    """Yield warnings of antennas that nobody carries and of rules without a link."""
+    channel = config.channel
+    for antenna in channel.antennas:
+        if antenna.on and not any(antenna.is_on(*agent) for agent in agents):
+            yield f"channel.antennas: there is no {_carriers(antenna.on)} to carry {antenna.name}: no links of it"
+    ends = channel.link_ends(agents)
+    roles = Counter(role for role, *_ in agents if role in AGENT_ROLES)
+    there = (
+        ", ".join(f"{count} {role.upper()}{'s' if count > 1 else ''}" for role, count in roles.items()) or "no agents"
+    )
+    for kind, rule in enumerate(channel.link_rules):
+        if not any(end.kind == kind for end in ends):
+            yield f"channel.links has {rule.name}, but the scenario has {there}: no such link"
+
+
+def _carriers(keys: Iterable[str]) -> str:
+    return " or ".join(key.upper() if key in AGENT_ROLES else key for key in sorted(set(keys)))
 
 
 def wedge_warnings(surfaces: SurfaceTable | None) -> Iterator[str]:

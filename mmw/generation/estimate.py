@@ -7,19 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from mmw.config import ChannelConfig, Config, ConfigError, ScenarioConfig, SensorConfig
-from mmw.config.agent_keys import AGENT_ROLES
+from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
+from mmw.generation.agent_key_checks import unknown_agent_keys
 from mmw.generation.progress import si
 from mmw.generation.sample_run import SampledScenario, table_lines, total
 from mmw.physics.weather.weather import PRESETS, choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
-from mmw.usd.actors import find_actors
+from mmw.usd.actors import FIXED_ROLES, find_actors
 from mmw.usd.material_entries import unknown_entries
 from mmw.usd.open_stage import open_stage, usd_errors
+from mmw.usd.vehicle_catalog import load_catalog
 
 PATH_BYTES = 134.0
 """Bytes of one radio path at one carrier, measured on town03. It and the next are for estimates without a trace."""
@@ -56,6 +58,7 @@ def check_inputs(config: Config, base: Path) -> None:
 
     known = {**config.air, **PRESETS}
     problems += unknown_entries("materials", config.materials, known)
+    problems += unknown_agent_keys(config, base)
     variants_of = functools.cache(weather_variants)  # scenarios share towns
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
@@ -66,8 +69,8 @@ def check_inputs(config: Config, base: Path) -> None:
         problems += unknown_entries(f"{where}: materials", scenario.materials, known)
         if config.channel.enabled and "v2i" in config.channel.links and scenario.town and not scenario.rsus:
             problems.append(
-                f"{where}: channel.links = {list(config.channel.links)} has v2i but there are no rsus; add one, or use "
-                "channel.links: [v2v]"
+                f"{where}: channel.links = {list(config.channel.link_names)} has v2i but there are no rsus; add one, "
+                "or use channel.links: [v2v]"
             )
     if problems:
         raise ConfigError(problems)
@@ -106,19 +109,21 @@ def stage_roles(source: Path, given: tuple[tuple[str, str], ...]) -> list[str]:
 
 
 def agent_counts(scenario: ScenarioConfig, base: Path, find_roles: FindRoles = stage_roles) -> dict[str, int]:
-    """Return how many CAVs, roadside units, vehicles (CAVs included) and boxes a scenario has.
+    """Return how many agents of each role, vehicles (CAVs included) and boxes a scenario has.
 
     Raises:
         InputError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     traffic = scenario.traffic
     roles = find_roles(scenario_source(scenario, base), () if traffic else tuple(scenario.actor_roles.items()))
-    boxes, rsus = len(roles) - roles.count("rsu"), roles.count("rsu") + len(scenario.rsus)
+    units = {"rsu": len(scenario.rsus), "bs": len(scenario.base_stations), "uav": len(scenario.uavs)}
     if traffic is None:
-        return {"cav": roles.count("cav"), "rsu": rsus, "vehicles": boxes - roles.count("pedestrian"), "boxes": boxes}
-    boxes = traffic.vehicle_count + traffic.pedestrian_count + len(roles)  # the stage has parked vehicles
-    cavs = len(traffic.cav_ids or traffic.cav_ranks)
-    return {"cav": cavs, "rsu": len(scenario.rsus), "vehicles": traffic.vehicle_count, "boxes": boxes}
+        agents = {role: roles.count(role) + units.get(role, 0) for role in AGENT_ROLES}
+        vehicles = agents["cav"] + roles.count("vehicle")
+        return {**agents, "vehicles": vehicles, "boxes": sum(role not in FIXED_ROLES for role in roles)}
+    boxes = traffic.vehicle_count + traffic.pedestrian_count + len(scenario.uavs)
+    agents = {"cav": traffic.cav_count, "vru": traffic.vru_count, **units}
+    return {**agents, "vehicles": traffic.vehicle_count, "boxes": boxes + len(roles)}  # the town has parked vehicles
 
 
 AgentCounts = Mapping[str, Mapping[str, int]]
@@ -210,7 +215,7 @@ def estimate_plan(config: Config, base: Path, counts: AgentCounts) -> PlanEstima
         total_bytes += (size * frame_count + shards * framed_tables * FILE_BYTES) * len(config.weathers)
         each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
-            f"  {scenario.name}: {scenario_source(scenario, base).name}, {own['cav']} CAV + {own['rsu']} RSU "
+            f"  {scenario.name}: {scenario_source(scenario, base).name}, {_agent_words(own)} "
             f"among {own['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
         )
     return PlanEstimate(total_rays, total_bytes, tuple(lines))
@@ -224,7 +229,7 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
         return float(sampled.is_due(range(frames.start, frames.stop), rate_hz).mean())
 
     rays: dict[str, int] = {}
-    size = (counts["cav"] + counts["rsu"]) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
+    size = sum(counts.get(role, 0) for role in AGENT_ROLES) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
         samples = carrier_count(sensor, counts, scenario) * share(sensor)
         cost = spec_of(sensor).estimate(sensor)
@@ -234,29 +239,51 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
-        senders = float(counts["rsu"]) if "v2i" in channel.links else 0.0
-        if "v2v" in channel.links and counts["cav"] > 1:
-            senders += half * counts["cav"]
+        ends = channel.link_ends([agent.identity for agent in _agents(counts, scenario)])
+        mutual = {(end.tx, end.rx) for end in ends} & {(end.rx, end.tx) for end in ends}
+        senders = 0.0
+        for tx, tx_antenna in {(end.tx, end.tx_antenna) for end in ends}:
+            own = [(end.tx, end.rx) for end in ends if (end.tx, end.tx_antenna) == (tx, tx_antenna)]
+            senders += half if mutual.issuperset(own) else 1.0
         if channel.candidates == "launch":
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * PATH_BYTES)
-        size += link_count(channel, counts) * link_size * share(channel)
+        size += len(ends) * link_size * share(channel)
     return rays, size
 
 
 def carrier_count(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many agents carry a sensor."""
-    rsus = {rsu.name for rsu in scenario.rsus}
-    named = [name for name in sensor.on if name not in AGENT_ROLES]
-    others = sum(("rsu" if name in rsus else "cav") not in sensor.on for name in named)
-    return sum(counts[role] for role in AGENT_ROLES if role in sensor.on) + others
+    agents = _agents(counts, scenario)
+    known = {key for agent in agents for key in agent.keys}
+    others = [key for key in sensor.on if scenario.stage is not None and key not in known and key not in AGENT_ROLES]
+    return sum(sensor.is_on(*agent.identity) for agent in agents) + len(others)
 
 
-def link_count(channel: ChannelConfig, counts: Mapping[str, int]) -> int:
+def _agents(counts: Mapping[str, int], scenario: ScenarioConfig) -> list[AgentIdentity]:
+    """Return the agents of a scenario; with the model where the configuration gives it, as of the names of a stage."""
+    names = {"rsu": scenario.rsus, "bs": scenario.base_stations, "uav": scenario.uavs}
+    chosen = scenario.traffic.cav_models if scenario.traffic else ()
+    found = []
+    for role in AGENT_ROLES:
+        placed = [agent.name for agent in names.get(role, ())]
+        for number in range(counts.get(role, 0)):
+            name = placed[number] if number < len(placed) else f"{role}_{number + 1}"
+            model = (chosen[number] if role == "cav" and number < len(chosen) else None) or ""
+            label = load_catalog()[model].label if model in load_catalog() else ""
+            found.append(AgentIdentity(role, name, model, label))
+    return found
+
+
+def _agent_words(counts: Mapping[str, int]) -> str:
+    """Return the numbers of agents; those of roles beside CAV and RSU only if there are any."""
+    shown = [role for role in AGENT_ROLES if role in ("cav", "rsu") or counts.get(role, 0)]
+    return " + ".join(f"{counts[role]} {role.upper()}" for role in shown)
+
+
+def link_count(channel: ChannelConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many links a frame has at one carrier."""
-    cavs = counts["cav"]
-    v2i = counts["rsu"] * cavs if "v2i" in channel.links else 0
-    return v2i + (cavs * (cavs - 1) if "v2v" in channel.links else 0)
+    return len(channel.link_ends([agent.identity for agent in _agents(counts, scenario)]))
 
 
 def _paths(channel: ChannelConfig) -> float:

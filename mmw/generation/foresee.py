@@ -10,6 +10,7 @@ from pathlib import Path
 from statistics import median
 
 from mmw.config import Config, ScenarioConfig
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.generation.estimate import AgentCounts, carrier_count, link_count
 from mmw.generation.sample_run import (
     CHANNEL,
@@ -84,8 +85,9 @@ def scenario_load(config: Config, scenario: ScenarioConfig, counts: Mapping[str,
         samples[sensor.name] = carrier_count(sensor, counts, scenario) * float(sensor.is_due(every, rate_hz).sum())
     if config.channel.enabled:
         due = float(config.channel.is_due(every, rate_hz).sum())
-        samples[CHANNEL] = link_count(config.channel, counts) * len(config.channel.carriers_hz) * due
-    extents = {"agents": counts["cav"] + counts["rsu"], "boxes": counts["boxes"]}
+        samples[CHANNEL] = link_count(config.channel, counts, scenario) * len(config.channel.carriers_hz) * due
+    agents = sum(counts.get(role, 0) for role in AGENT_ROLES)
+    extents = {"agents": agents, "boxes": counts["boxes"]}
     return ScenarioLoad(scenario, samples, extents, -(-frames.count // config.output.shard_frames))
 
 

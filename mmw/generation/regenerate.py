@@ -19,6 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from mmw.config import ScenarioConfig
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.sensor_spec import types_that_fill
 from mmw.core.bvh_default import BVH_VARIABLE
 from mmw.core.bvh_kind import select_bvh
@@ -153,7 +154,7 @@ class RowRegenerator:
             )
         arrays = self._read(scenario)
         if agent is not None and agent not in {actor.name for actor in arrays.actors}:
-            names = ", ".join(actor.name for actor in arrays.actors if actor.role in ("cav", "rsu"))
+            names = ", ".join(actor.name for actor in arrays.actors if actor.role in AGENT_ROLES)
             raise InputError(f"agent = {agent}: {scenario.name} has {names}; name one")
         with_channel = table in CHANNEL_TABLES
         if self._batch is None or (with_channel and self._batch.surfaces is None):

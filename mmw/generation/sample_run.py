@@ -188,6 +188,8 @@ def _ratios(config: Config, scenario: ScenarioConfig, frames: list[int]) -> dict
     for name, sampling in _samplings(config):
         traced = int(sampling.is_due(frames, rate_hz).sum())
         ratio[name] = len(_due(sampling, range(whole.start, whole.stop), rate_hz)) / traced if traced else 0.0
+    if CHANNEL in ratio:
+        ratio |= {antenna.name: ratio[CHANNEL] for antenna in config.channel.antennas if antenna.name not in ratio}
     return ratio
 
 

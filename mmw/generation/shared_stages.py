@@ -52,7 +52,7 @@ def stage_identity(config: Config, scenario: ScenarioConfig) -> dict[str, Any]:
         "vary": config.vary.model_dump(mode="json", exclude={"weather"}) if config.vary else None,
         "sensors": [sensor.model_dump(mode="json") for sensor in config.sensors],
         "variants": config.variants[weather],
-        "antenna": config.channel.antenna_position_m if config.channel.enabled else None,
+        "antennas": [one.model_dump(mode="json") for one in config.channel.antennas if config.channel.enabled],
     }
 
 

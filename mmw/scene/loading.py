@@ -70,7 +70,7 @@ def load_scene(
         materials: Glob of mesh prim path or material name, or `label:` and a class -> radio material such as
             `itu_concrete`, or properties as in `materials` of a configuration, whatever the source says; it comes
             before `materials` of a configuration.
-        actor_roles: Of a stage: prim path -> `cav`, `vehicle`, `rsu` or `pedestrian`.
+        actor_roles: Of a stage: prim path -> one of `mmw.usd.actors.ROLES`.
         base: Folder that relative paths in a `Config` start from.
         device: Warp device: `auto`, `cpu` or `cuda:N`.
         options: Options of the importer of other formats, such as `up="y"` and `unit="cm"` (`mmw import --list`).

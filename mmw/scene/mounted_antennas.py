@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.config.antennas import AntennaConfig
 from mmw.core.kinematics import differentiate_rows
-from mmw.core.transforms import normalize, quaternion_to_matrix
+from mmw.core.transforms import normalize, pose_from_mount, quaternion_to_matrix
 from mmw.physics.em.vectors import rotate
 from mmw.scene.scene_data import SceneData
 
@@ -26,23 +27,34 @@ class RadioDevices:
         return RadioDevices(self.position[rows], self.rotation[rows], self.velocity[rows])
 
 
+def antenna_pose(antenna: AntennaConfig, role: str, name: str, model: str = "", label: str = "") -> np.ndarray:
+    """Return the antenna-to-actor pose of an antenna on an actor, shape [7]."""
+    mount = antenna.mount_on(role, name, model, label)
+    return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
+
+
 def mounted_antennas(
     arrays: SceneData, rows: np.ndarray, row: np.ndarray, actor: np.ndarray, mount: np.ndarray
 ) -> RadioDevices:
-    """Return antennas that ride on actors; their axes are those of the actors.
+    """Return antennas that ride on actors.
 
     Args:
         arrays: The scene on the host.
         rows: Rows of `arrays.poses` that are looked at, shape [S].
         row: Index into `rows` for each antenna, shape [L].
         actor: Actor of each, present in that frame, shape [L].
-        mount: Place of each in the frame of its actor [m], shape [L, 3].
+        mount: Pose of each in the frame of its actor, shape [L, 7]; or its place alone [m], shape [L, 3], where its
+            axes are those of the actor.
     """
     poses, motion = arrays.poses[rows], differentiate_rows(arrays.poses, rows, arrays.pose_dt)
     rotation = quaternion_to_matrix(normalize(poses[row, actor, 3:]))
-    lever = rotate(rotation, mount)
+    lever = rotate(rotation, mount[:, :3])
+    own, turned = rotation, np.flatnonzero(mount[:, 3:6].any(axis=1))
+    if len(turned):  # others keep the bits of the actor's rotation
+        own = rotation.copy()
+        own[turned] = rotation[turned] @ quaternion_to_matrix(mount[turned, 3:])
     return RadioDevices(
         position=poses[row, actor, :3] + lever,
-        rotation=rotation,
+        rotation=own,
         velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], lever),
     )

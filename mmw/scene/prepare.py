@@ -12,20 +12,22 @@ from mmw.core.hashing import sha256
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.reader import read_stage
+from mmw.scene.roof_places import station_poses
 from mmw.scene.rsu_places import draw_rsu_poses
 from mmw.scene.scene_data import SceneData
 from mmw.scene.sources import scenario_source, weather_variants
 from mmw.scene.stage.asset_copies import asset_digests
 from mmw.scene.stage.compose import compose_scenario
-from mmw.scene.stage.rsu_overlay import overlay_rsus
+from mmw.scene.stage.unit_overlay import overlay_units
 from mmw.scene.stage_digests import ASSETS, STAGES, parse_digests
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.store import Store
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
+from mmw.traffic.drones import fly_drones
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.frame_poses import sample_tracks
 from mmw.traffic.roads.town_asset import open_town
-from mmw.usd.vehicle_catalog import VehicleModel, load_catalog, load_figures
+from mmw.usd.vehicle_catalog import VehicleModel, load_bodies, load_catalog
 
 
 def cached_stage(
@@ -46,7 +48,7 @@ def cached_stage(
     stage = prepare_scenario(config, scenario, base, root.folder, inputs)
     if scenario.stage is None:
         root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
-    elif scenario.rsus:
+    elif scenario.has_units:
         root.upload((f"{own}.usda",), f"{own}.json")
     return stage
 
@@ -58,7 +60,7 @@ def prepare_scenario(
 
     A made stage covers the frames 0 to `frames.stop`, one more than asked for, so that velocities are central
     differences up to the last frame. Its hash is written last, into `<scenario>.json`; a stage without it is remade.
-    A user's own stage is read where it is; configured roadside units go into a layer over it.
+    A user's own stage is read where it is; configured roadside units and base stations go into a layer over it.
 
     Args:
         config: The configuration.
@@ -76,9 +78,10 @@ def prepare_scenario(
     rsus = [(rsu.name, pose_from_mount(rsu.position_m, rsu.yaw_deg)) for rsu in scenario.rsus]
     note = root / STAGES / f"{scenario.name}.json"
     if scenario.stage is not None:
-        if not rsus:
+        if not scenario.has_units:
             return source
-        path = overlay_rsus(root / STAGES / f"{scenario.name}.usda", source, rsus)
+        units = {"rsu": rsus, "bs": station_poses(config, scenario, source)}
+        path = overlay_units(root / STAGES / f"{scenario.name}.usda", source, units)
         _write_digests(note, path, root, str(source), inputs)
         return path
     path = root / STAGES / f"{scenario.name}.usdc"
@@ -86,8 +89,7 @@ def prepare_scenario(
     if made is not None and path.is_file() and made["sha256"] == sha256(path) and made.get("inputs", inputs) == inputs:
         return path
     names = config.variants[config.weathers[0]]
-    catalog = load_catalog()
-    tracks = make_tracks(config, scenario, source, catalog, base)
+    tracks = make_tracks(config, scenario, source, load_catalog(), base)
     if config.vary is not None and config.vary.rsu is not None:
         rsus = draw_rsu_poses(config, scenario, source)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -95,12 +97,13 @@ def prepare_scenario(
         path,
         town_path=source,
         tracks=tracks,
-        catalog={**catalog, **load_figures()},
+        catalog=load_bodies(),
         rsus=rsus,
+        base_stations=station_poses(config, scenario, source),
         sensors=config.sensors,
         weather=choose_variant(names, weather_variants(source)) or names[0],
         meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
-        antenna_position_m=config.channel.antenna_position_m if config.channel.enabled else None,
+        antennas=config.channel.antennas if config.channel.enabled else (),
         assets=root / ASSETS,
         rate_hz=config.frame_rate_of(scenario),
     )
@@ -137,7 +140,7 @@ def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:
 def make_tracks(
     config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel], base: Path
 ) -> list[VehicleTrack]:
-    """Return the poses of a scenario's traffic, generated or recorded, with `pose_stride` poses a frame.
+    """Return the poses of a scenario's traffic, generated or recorded, and of its drones; `pose_stride` poses a frame.
 
     Args:
         config: The configuration.
@@ -157,7 +160,8 @@ def make_tracks(
         spawn = config.vary.spawn if config.vary else None
         count = base_frames(frame_count, rate_hz)
         demand = TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn)
-        return sample_tracks(simulate_traffic(demand).tracks, frame_count, rate_hz)
+        tracks = [*simulate_traffic(demand).tracks, *fly_drones(scenario.uavs, count)]
+        return sample_tracks(tracks, frame_count, rate_hz)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
 

@@ -13,7 +13,7 @@ from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import choose_variant
 from mmw.scene.scene_data import MODEL_NONE, Actor, Prototype, SceneData, SceneObject
-from mmw.usd.actors import FoundActor, actor_poses, find_actors, model_matrix
+from mmw.usd.actors import FIXED_ROLES, FoundActor, actor_poses, find_actors, model_matrix
 from mmw.usd.material_entries import MaterialMap
 from mmw.usd.materials import read_materials
 from mmw.usd.meshes import MeshReader, to_metres
@@ -43,9 +43,9 @@ def read_stage(
 ) -> SceneData:
     """Read town, actors, poses and materials of a stage.
 
-    A mesh under a prim that moves, or that has `mmw:actor:role` cav or vehicle, belongs to the topmost such prim; every
-    other mesh is static town. Frame n is n / `rate_hz` after the stage's start. Meshes that are invisible, or of
-    purpose proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
+    A mesh under a prim that moves, or that has an `mmw:actor:role` that is not of `FIXED_ROLES`, belongs to the topmost
+    such prim; every other mesh is static town. Frame n is n / `rate_hz` after the stage's start. Meshes that are
+    invisible, or of purpose proxy or guide, are ignored; an actor is absent in the frames in which it is invisible.
 
     Args:
         path: USD file.
@@ -54,7 +54,7 @@ def read_stage(
             weather -> variants that can stand for it, of which each set selects the first that it has.
         margin: Frames to read beyond `frames` on each side where the stage has them, for derivatives at the ends.
         rate_hz: Frames a second, see `mmw.core.frame_rate.FRAME_RATES`.
-        roles: Prim path -> cav, vehicle or rsu, for stages without `mmw:actor:role`.
+        roles: Prim path -> one of `mmw.usd.actors.ROLES`, for stages without `mmw:actor:role`.
         material_map: Glob of mesh prim paths or material names, or `label:` and one of classes -> what a mesh is,
             whatever the stage says.
 
@@ -77,7 +77,7 @@ def read_stage(
     metres = to_metres(stage)
     reader = PartReader(MeshReader(stage, Usd.TimeCode(times[0])), material_map or {})
     actors = find_actors(stage, roles or {})
-    actor_of = {actor.path: row for row, actor in enumerate(actors) if actor.role != "rsu"}
+    actor_of = {actor.path: row for row, actor in enumerate(actors) if actor.role not in FIXED_ROLES}
     poses, stretches = actor_poses(actors, times, metres)
 
     meshes = list(reader.meshes.meshes())
@@ -289,7 +289,8 @@ def _assemble(
             label = parts[0].label if label == "unlabeled" else label
         size, center = _box(actor, models[model].points if parts else None)
         path, object_index = actor.path, len(objects)
-        actors.append(Actor(actor.name, actor.role, path, model, object_index, size, center, label, actor.is_parked))
+        kind = (label, actor.is_parked, actor.model_name)
+        actors.append(Actor(actor.name, actor.role, path, model, object_index, size, center, *kind))
         objects.append(SceneObject(object_index, path, label, CARLA_TAG[label], used_names, actor.name))
     surface = find_surfaces(points, faces, object_id, material)
     return SceneData(

@@ -15,6 +15,8 @@ from mmw.config.sensor_spec import spec_of
 from mmw.core.kinematics import Motion
 from mmw.core.transforms import normalize
 from mmw.physics.materials.material import FILE_FIELDS, file_values
+from mmw.scene.actor_counts import COUNTED, counted_in
+from mmw.scene.mounted_antennas import antenna_pose
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, choices, names, split
 from mmw.scene.views import mount_pose
@@ -26,15 +28,12 @@ def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     """Return the `frames` table: one row a frame."""
     rows = [arrays.frame_row(frame) for frame in frames]
     is_present = np.all(np.isfinite(arrays.poses[rows]), axis=2)
-    role = np.array([actor.role for actor in arrays.actors])
+    counted = [counted_in(actor.role, actor.label) for actor in arrays.actors]
     frame = np.asarray(frames, dtype=np.int32)
     return {
         "frame": frame,
         "time_s": frame / arrays.rate_hz,
-        "cav_count": is_present[:, role == "cav"].sum(axis=1),
-        "rsu_count": is_present[:, role == "rsu"].sum(axis=1),
-        "vehicle_count": is_present[:, (role == "cav") | (role == "vehicle")].sum(axis=1),
-        "pedestrian_count": is_present[:, role == "pedestrian"].sum(axis=1),
+        **{name: is_present[:, [name in columns for columns in counted]].sum(axis=1) for name in COUNTED},
         "seed": np.full(len(frame), seed),
     }
 
@@ -61,13 +60,14 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
 
 
 def actor_presence(arrays: SceneData, frames: range) -> dict[str, dict[str, Any]]:
-    """Return role and frames of each actor: stretches of frames in which it is there, first and one past the last."""
+    """Return role, model, class and frames of each actor: first frame and one past the last of stretches with it."""
     rows = [arrays.frame_row(frame) for frame in frames]
     found = {}
     for column, actor in enumerate(arrays.actors):
         is_there = np.isfinite(arrays.poses[rows, column]).all(axis=1)
         ends = np.flatnonzero(np.diff(np.concatenate([[False], is_there, [False]]).astype(np.int8))) + frames.start
-        found[actor.name] = {"role": actor.role, "frames": ends.reshape(-1, 2).tolist()}
+        kind = {"role": actor.role, "model": actor.model_name, "label": actor.label}
+        found[actor.name] = {**kind, "frames": ends.reshape(-1, 2).tolist()}
     return found
 
 
@@ -105,15 +105,17 @@ def _sensor_rows(arrays: SceneData, config: Config) -> Columns:
         if actor.role not in AGENT_ROLES:
             continue
         for sensor in config.sensors:
-            if sensor.is_on(actor.role, actor.name):
-                pose = mount_pose(sensor, actor.role, actor.name)
+            if sensor.is_on(*actor.identity):
+                pose = mount_pose(sensor, *actor.identity)
                 params = json.dumps(sensor.with_rate(arrays.rate_hz).model_dump(mode="json"), sort_keys=True)
                 rows.append(_sensor_row(actor.name, sensor.name, sensor.type, pose, params, _camera(sensor)))
         if config.channel.enabled:
-            pose = np.array([*config.channel.antenna_on(actor.role, actor.name), 0.0, 0.0, 0.0, 1.0])
             own = {key: value for key, value in config.channel.model_dump(mode="json").items() if key in UNSET}
-            params = json.dumps({"pattern": config.channel.pattern, "polarization": config.channel.polarization, **own})
-            rows.append(_sensor_row(actor.name, "antenna", "antenna", pose, params, {}))
+            for antenna in config.channel.antennas:
+                if antenna.is_on(*actor.identity):
+                    pose = antenna_pose(antenna, *actor.identity)
+                    params = json.dumps({**antenna.model_dump(mode="json", exclude={"name", "on", "mount"}), **own})
+                    rows.append(_sensor_row(actor.name, antenna.name, "antenna", pose, params, {}))
     keys = [column.name for column in table_spec("sensors").columns if column.name != "scenario"]
     columns: Columns = {key: [row.get(key) for row in rows] for key in keys}  # those of cameras are null for others
     return {**columns, "coefficients": pa.array(columns["coefficients"], list_of(F64))}

@@ -67,10 +67,11 @@ def draw_rsu_poses(config: Config, scenario: ScenarioConfig, source: Path) -> li
     variants = {weather: config.variants[weather] for weather in config.weathers[:1]}
     scene = DeviceScene(read_stage(source, range(1), variants), "cpu", max_batch_frames=1)
     scene.load_batch([scene.arrays.frames[0]])
-    antenna = config.channel.antenna_position_m["rsu"][2]
     road = np.concatenate([lane.points[::3] for lane in town.lanes.lanes.values()]) + _up(EYE_M)
     poses: list[tuple[str, np.ndarray]] = []
     for rsu in scenario.rsus:
+        own = [one for one in config.channel.antennas if one.is_on("rsu", rsu.name)]
+        antenna = max((one.mount_on("rsu", rsu.name).position_m[2] for one in own), default=EYE_M)
         places = _off_the_road(ground, _places_near(town.lanes, rsu, vary.radius_m))
         places = _free_around(scene, _on_the_ground(scene, places), antenna)
         for _, other in poses:

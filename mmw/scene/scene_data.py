@@ -87,7 +87,7 @@ class Actor:
 
     name: str
     role: str
-    """`cav`, `vehicle`, `rsu` or `pedestrian`; `free` for a pose in the world that a single sample is taken at."""
+    """One of `mmw.usd.actors.ROLES`; `free` for a pose in the world that a single sample is taken at."""
     prim_path: str
     model: int
     """Index into `SceneData.models`, -1 for an actor without geometry."""
@@ -99,6 +99,13 @@ class Actor:
     label: str
     is_parked: bool = False
     """True if it is a parked vehicle, whose lamps are always off."""
+    model_name: str = ""
+    """Name of its model, such as `city_bus`."""
+
+    @property
+    def identity(self) -> tuple[str, str, str, str]:
+        """Role, name, model and class: what sensors choose agents by, see `SensorConfig.is_on`."""
+        return (self.role, self.name, self.model_name, self.label)
 
 
 @dataclass(frozen=True)

@@ -64,7 +64,7 @@ def add_object(
         material_id: Material of all faces.
         label: Semantic class.
         pose: Object to world, shape [7].
-        role: `cav`, `vehicle`, `rsu`, `pedestrian` or `object`.
+        role: One of `mmw.usd.actors.ROLES`, or `object`.
     """
     model = make_prototype(name, points, faces, np.full(len(faces), material_id, dtype=np.int32))
     return _with_actor(data, name, role, model, pose, None, label)

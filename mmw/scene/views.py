@@ -77,14 +77,14 @@ def sensor_actors(arrays: SceneData, sensor: SensorConfig) -> np.ndarray:
     found = [
         i
         for i, actor in enumerate(arrays.actors)
-        if sensor.is_on(actor.role, actor.name) and (arrays.sensing is None or actor.name in arrays.sensing)
+        if sensor.is_on(*actor.identity) and (arrays.sensing is None or actor.name in arrays.sensing)
     ]
     return np.array(found, dtype=np.int32)
 
 
-def mount_pose(sensor: SensorConfig, role: str, name: str) -> np.ndarray:
+def mount_pose(sensor: SensorConfig, role: str, name: str, model: str = "", label: str = "") -> np.ndarray:
     """Return the sensor-to-actor pose of a sensor on an actor, shape [7]; see `SensorConfig.mount_on`."""
-    mount = sensor.mount_on(role, name)
+    mount = sensor.mount_on(role, name, model, label)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 
@@ -118,7 +118,7 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
     is_present = np.isfinite(pose).all(axis=1)
     frame, batch_index = frame[is_present], batch_index[is_present]
     actor, pose = actor[is_present], pose[is_present]
-    mounts = {i: mount_pose(sensor, arrays.actors[i].role, arrays.actors[i].name) for i in set(actors.tolist())}
+    mounts = {i: mount_pose(sensor, *arrays.actors[i].identity) for i in set(actors.tolist())}
     mount = np.array([mounts[i] for i in actor.tolist()]).reshape(-1, 7)
     pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
     return Views(frame, batch_index, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))

@@ -10,6 +10,7 @@ from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.enclosing_objects import enclosing_objects
 from mmw.scene.scene_data import SceneData
+from mmw.usd.actors import FIXED_ROLES
 
 
 def check_mounts(scene: DeviceScene, config: Config) -> None:
@@ -29,12 +30,14 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         if actor.role not in AGENT_ROLES or not is_here.any():
             continue
         places = {
-            sensor.name: sensor.mount_on(actor.role, actor.name).position_m
+            sensor.name: sensor.mount_on(*actor.identity).position_m
             for sensor in config.sensors
-            if sensor.is_on(actor.role, actor.name) and spec_of(sensor).needs_clear_view
+            if sensor.is_on(*actor.identity) and spec_of(sensor).needs_clear_view
         }
         if config.channel.enabled:
-            places["antenna"] = config.channel.antenna_on(actor.role, actor.name)
+            for antenna in config.channel.antennas:
+                if antenna.is_on(*actor.identity):
+                    places[antenna.name] = antenna.mount_on(*actor.identity).position_m
         if not places:
             continue
         row = int(np.argmax(is_here))
@@ -46,7 +49,7 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
                 inside = inside_words(arrays, object_id, actor.object_id, arrays.frames[row])
                 problems.append(
                     f"{actor.name}: {name} at {position} m {inside}; "
-                    f"raise or move {'the unit or ' if actor.role == 'rsu' else ''}its mount"
+                    f"raise or move {'the unit or ' if actor.role in FIXED_ROLES else ''}its mount"
                 )
     if problems:
         raise InputError("\n  ".join(problems))

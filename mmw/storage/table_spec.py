@@ -77,7 +77,9 @@ WEATHER = column(
     "weather", NAME, "", "weather name, one of `weathers`; its physical values are in `air` of the configuration"
 )
 FRAME = frame_column()
-AGENT = column("agent", NAME, "", "agent that owns the row: a CAV such as cav_1, or an RSU such as rsu_1")
+AGENT = column(
+    "agent", NAME, "", "agent that owns the row, such as cav_1, rsu_1, vru_1, uav_1 or bs_1; `poses` has its role"
+)
 SENSOR = column("sensor", NAME, "", "sensor name; joins `sensors` on (scenario, agent, sensor)")
 OBJECT = column("object_id", I32, "id", "object, a row of `objects`; one number for the object in every table")
 FRAMED = (SCENARIO, WEATHER, FRAME)

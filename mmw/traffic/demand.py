@@ -16,16 +16,16 @@ from mmw.traffic.vehicle_pose import Shape, make_shape
 
 @dataclass(frozen=True)
 class VehicleTrack:
-    """One vehicle or pedestrian of a scenario and its pose in every frame."""
+    """One vehicle, person or drone of a scenario and its pose in every frame."""
 
     name: str
     role: str
-    """`cav`, `vehicle` or `pedestrian`."""
+    """`cav`, `vehicle`, `pedestrian`, `vru` or `uav`."""
     model: str
     paint: str
     poses: np.ndarray
     """Body to world (x, y, z, qx, qy, qz, qw) at 100 Hz, shape [F, 7], float64; the body's origin is the ground point
-    midway between the axles. NaN in frames in which the vehicle is absent."""
+    midway between the axles, or the middle of a drone. NaN in frames in which the vehicle is absent."""
     waits: np.ndarray | None = None
     """Whether it stands with a cause (`mmw.traffic.idm.wait_causes`), shape [F]; None if the engine does not tell."""
 

@@ -42,7 +42,7 @@ def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
     """Return the motion of all vehicles and pedestrians of a scenario.
 
     Returns:
-        The result of the engine, with the tracks of pedestrians, `ped_001`, `ped_002`..., behind those of vehicles.
+        The result of the engine, with the tracks of pedestrians, `ped_001`, `vru_1`..., behind those of vehicles.
 
     Raises:
         InputError: If the engine is unknown, its package is not installed, the town has no lanes and the engine needs

@@ -63,7 +63,8 @@ def simulate_pedestrians(demand: TrafficDemand) -> list[VehicleTrack]:
     """Return the motion of `pedestrian_count` pedestrians near `spawn_center_m`.
 
     Returns:
-        Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to the center.
+        Tracks `ped_001`, `ped_002`... of role `pedestrian`, by distance to the center; those of `vru_ranks` are called
+        `vru_1`, `vru_2`... and have the role `vru`.
 
     Raises:
         InputError: If the town's sidewalks have fewer places than people.
@@ -91,8 +92,13 @@ def simulate_pedestrians(demand: TrafficDemand) -> list[VehicleTrack]:
         paints.append(draw_paint(figures[models[-1]], generator))
     stations = _walk(chosen, paths, np.array(speeds), frame_count)
     poses = [paths[line].at(stations[:, rank]) for rank, (line, _) in enumerate(chosen)]
-    names = [f"ped_{rank + 1:03d}" for rank in range(count)]
-    return list(map(VehicleTrack, names, ["pedestrian"] * count, models, paints, poses))
+    names = [_name(rank, demand.traffic.vru_ranks) for rank in range(count)]
+    return list(map(VehicleTrack, *zip(*names, strict=True), models, paints, poses))
+
+
+def _name(rank: int, vru_ranks: Sequence[int]) -> tuple[str, str]:
+    """Return name and role of a person; connected ones are `vru_1`, `vru_2`... in the order of `vru_ranks`."""
+    return (f"vru_{vru_ranks.index(rank) + 1}", "vru") if rank in vru_ranks else (f"ped_{rank + 1:03d}", "pedestrian")
 
 
 def _smooth(sidewalk: Sidewalk) -> _Path:

@@ -13,7 +13,11 @@ from mmw.usd.builtin_shapes import SHAPES
 from mmw.usd.meshes import MAX_NUMBER_M, FoundMesh, MeshReader, semantic_label
 from mmw.usd.prim_values import ancestors, attribute_value, decimals
 
-ROLES = ("cav", "vehicle", "rsu", "pedestrian")
+ROLES = ("cav", "vehicle", "rsu", "pedestrian", "vru", "uav", "bs")
+"""Roles of actors: those of agents, and vehicles and people that are none."""
+
+FIXED_ROLES = ("rsu", "bs")
+"""Roles of agents that stand still, and whose meshes are a part of the static town."""
 
 PARKED = "Parked"
 """Name of a prim below which vehicles that do not move are parked."""

@@ -15,7 +15,10 @@ from mmw.usd.semantics import TAXONOMY
 
 @dataclass(frozen=True)
 class ActorModel:
-    """One asset that moves, without its geometry. Body frame: x forward, y left, z up, origin on the ground."""
+    """One asset that moves, without its geometry.
+
+    Body frame: x forward, y left, z up, origin on the ground, or in the middle of a drone.
+    """
 
     name: str
     """Name of the asset and of its root prim."""
@@ -30,7 +33,7 @@ class ActorModel:
     width: float
     """Width of the box, which leaves the mirrors out [m]."""
     height: float
-    """Height of the box above the ground [m]."""
+    """Height of the box [m]."""
     center: tuple[float, float, float]
     """Center of the box in the body frame [m]."""
 
@@ -59,13 +62,23 @@ def load_catalog(directory: str | Path | None = None) -> dict[str, VehicleModel]
 
 
 def load_figures() -> dict[str, ActorModel]:
-    """Read every shipped figure `<name>/<name>.usda`, sorted by name.
+    """Read every shipped figure of a person on foot, sorted by name; errors as of `load_catalog`."""
+    return _bodies("pedestrians", "mmw:pedestrian:")
 
-    Raises:
-        InputError: If there is no figure, or an asset lacks its label, its paints or one of its dimensions.
-    """
-    paths = _assets(assets_dir() / "pedestrians", "pedestrians")
-    return {path.stem: ActorModel(**_read_model(path, "mmw:pedestrian:", {})) for path in paths}
+
+def load_drones() -> dict[str, ActorModel]:
+    """Read every shipped drone, sorted by name; errors as of `load_catalog`."""
+    return _bodies("drones", "mmw:drone:")
+
+
+def load_bodies() -> dict[str, ActorModel]:
+    """Read every shipped vehicle, figure and drone; errors as of `load_catalog`."""
+    return {**load_catalog(), **load_figures(), **load_drones()}
+
+
+def _bodies(what: str, prefix: str) -> dict[str, ActorModel]:
+    paths = _assets(assets_dir() / what, what)
+    return {path.stem: ActorModel(**_read_model(path, prefix, {})) for path in paths}
 
 
 def _assets(folder: Path, what: str) -> list[Path]:

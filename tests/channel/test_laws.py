@@ -13,6 +13,7 @@ from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.transforms import pose_from_ypr, transform_points
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.scene_data import SceneData
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_model, ground_part, pose, quad_part, wall_part
 from tests.oracles import channel as oracle
@@ -79,7 +80,7 @@ def deep_traffic(frame_count: int = 5, paint: int = 4) -> SceneData:
 
 
 DEEP = {"max_depth": 3, "refraction": True, "diffraction": True, "links": ("v2i", "v2v")}
-ROOF = {"antenna_position_m": {"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)}}
+ROOF = {"antennas": antenna_at({"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)})}
 
 
 def both_directions(arrays: SceneData, frames: list[int], device: str) -> tuple[np.ndarray, np.ndarray, list[tuple]]:

@@ -14,6 +14,7 @@ from mmw.channel.rows import link_rows, path_rows
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr
 from mmw.scene.scene_data import SceneData
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.path_tables import CARRIER, path_table, sight
 from tests.fixtures.scenes import pose
 from tests.oracles.channel import channel, solve, traffic
@@ -40,13 +41,13 @@ def street(times: np.ndarray) -> SceneData:
 
 def trace(arrays: SceneData, device: str) -> tuple[Links, PathSet]:
     places = {"cav": (0.3, 0.2, 2.5), "rsu": (0.0, 0.0, 1.0)}
-    return solve(arrays, channel(links=("v2i", "v2v"), antenna_position_m=places), device)
+    return solve(arrays, channel(links=("v2i", "v2v"), antennas=antenna_at(places)), device)
 
 
 def both_tables(arrays: SceneData, links: Links, paths: PathSet) -> tuple[pa.Table, pa.Table]:
     """Return rows of the tables `paths` and `links`, as a run writes them."""
     tables, agents = [], [actor.name for actor in arrays.actors]
-    for columns in (path_rows(agents, links, paths, "sunny"), link_rows(agents, links, paths, "sunny")):
+    for columns in (path_rows(agents, links, paths, "sunny"), link_rows(agents, ("v2i", "v2v"), links, paths, "sunny")):
         count = len(columns["frame"])
         tables.append(pa.table({"scenario": ["town"] * count, "weather": ["sunny"] * count, **columns}))
     return tables[0], tables[1]

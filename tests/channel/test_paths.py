@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.channel.links import LINK_V2I, LINK_V2V, make_links
+from mmw.channel.links import make_links
 from mmw.channel.path_solver.candidates import launch_rays
 from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.search import Search
@@ -15,6 +15,7 @@ from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.config import ChannelConfig
 from mmw.scene.scene_data import Actor, SceneData
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import (
     ABSENT,
@@ -33,7 +34,7 @@ from tests.oracles.channel import brute_force, link_scene, matched, paths_by_int
 from tests.oracles.tracing import cast_rays
 
 EXHAUSTIVE = ChannelConfig(candidates="exhaustive")
-POINTS = {"antenna_position_m": {"cav": (0.0, 0.0, 0.0), "rsu": (0.0, 0.0, 0.0)}}
+POINTS = {"antennas": antenna_at({"cav": (0.0, 0.0, 0.0), "rsu": (0.0, 0.0, 0.0)})}
 
 
 def solved(arrays: SceneData, config: ChannelConfig, device: str, frames: Sequence[int] = (0,)) -> PathSet:
@@ -47,7 +48,7 @@ def test_links_are_ordered_by_frame_kind_and_actor() -> None:
     links = make_links(arrays, [1, 0], ChannelConfig(links=("v2i", "v2v")))
     assert links.frame.tolist() == [1, 0, 0, 0, 0]
     assert links.batch_index.tolist() == [0, 1, 1, 1, 1]
-    assert links.kind.tolist() == [LINK_V2I, LINK_V2I, LINK_V2I, LINK_V2V, LINK_V2V]
+    assert links.kind.tolist() == [0, 0, 0, 1, 1]
     assert links.tx_actor.tolist() == [3, 3, 3, 0, 2]
     assert links.rx_actor.tolist() == [0, 0, 2, 2, 0]
     np.testing.assert_array_equal(links.tx.position[0], [4, 0, 4])
@@ -56,7 +57,7 @@ def test_links_are_ordered_by_frame_kind_and_actor() -> None:
 
 def test_antenna_turns_with_its_agent() -> None:
     arrays = link_scene([], (0, 0), (5, 5, 0, np.pi / 2))
-    config = ChannelConfig(antenna_position_m={"cav": (1.0, 0.5, 2.0), "rsu": (0, 0, 3.0)})
+    config = ChannelConfig(antennas=antenna_at({"cav": (1.0, 0.5, 2.0), "rsu": (0, 0, 3.0)}))
     links = make_links(arrays, [0], config)
     np.testing.assert_allclose(links.rx.position[0], [4.5, 6.0, 2.0], atol=1e-12)
 
@@ -134,7 +135,7 @@ def test_marking_on_a_road_reflects_once(lift: float, device: str) -> None:
     corners = [(-5, -1, lift), (5, -1, lift), (5, 1, lift), (-5, 1, lift)]
     marking = quad_part("Markings/line", corners, "metal_pole", "road_line")
     arrays = link_scene([ground_part(), marking], (-20, 0), (20, 0))
-    config = ChannelConfig(candidates="exhaustive", antenna_position_m={"cav": (0, 0, 3.0), "rsu": (0, 0, 3.0)})
+    config = ChannelConfig(candidates="exhaustive", antennas=antenna_at({"cav": (0, 0, 3.0), "rsu": (0, 0, 3.0)}))
     paths = solved(arrays, config, device)
     assert paths.kind.tolist() == [PATH_LOS, PATH_SPECULAR]
     assert arrays.materials["sunny"][paths.material_id[1, 0]].name == "metal_pole"
@@ -150,7 +151,7 @@ def test_thin_sheet_far_from_the_origin_reflects_once(far: float, lift: float, d
     sheet = ground_part(40.0, z=lift, material="metal_pole")
     sheet = replace(sheet, points=sheet.points + np.array([far, 0.0, 0.0]))
     arrays = link_scene([plate, sheet], (far - 9, 0), (far + 9, 0))
-    config = ChannelConfig(candidates="exhaustive", antenna_position_m={"cav": (0, 0, 1.6), "rsu": (0, 0, 6.0)})
+    config = ChannelConfig(candidates="exhaustive", antennas=antenna_at({"cav": (0, 0, 1.6), "rsu": (0, 0, 6.0)}))
     paths = solved(arrays, config, device)
     assert paths.kind.tolist() == [PATH_LOS, PATH_SPECULAR]
     if lift > 1e-3:
@@ -248,7 +249,7 @@ def test_every_transmitter_has_its_own_paths(mode: str, device: str) -> None:
     for link in range(len(links)):
         alone = solve_paths(scene, links.take(np.array([link])), config, arrays.materials)
         own = together.link == link
-        if links.kind[link] == LINK_V2I or (mode == "exhaustive" and links.tx_actor[link] < links.rx_actor[link]):
+        if links.kind[link] == 0 or (mode == "exhaustive" and links.tx_actor[link] < links.rx_actor[link]):
             for name in ("path_id", "interaction", "surface", "tau", "theta_t"):
                 np.testing.assert_array_equal(getattr(together, name)[own], getattr(alone, name))
             np.testing.assert_array_equal(together.a["sunny"][own], alone.a["sunny"])
@@ -259,7 +260,7 @@ def test_every_transmitter_has_its_own_paths(mode: str, device: str) -> None:
         else:  # both ends launch half of the rays, and both directions have what either hit
             assert set(together.path_id[own].tolist()) >= set(alone.path_id[alone.order < 2].tolist())
     if mode == "launch":
-        there, back = ((links.kind == LINK_V2V) & (links.tx_actor == k) for k in (0, 1))
+        there, back = ((links.kind == 1) & (links.tx_actor == k) for k in (0, 1))
         directions = [together.link == np.flatnonzero(unit)[0] for unit in (there, back)]
         assert directions[0].sum() == directions[1].sum() > 5
         np.testing.assert_allclose(np.sort(together.tau[directions[0]]), np.sort(together.tau[directions[1]]), rtol=0)

@@ -29,6 +29,7 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.mounted_antennas import RadioDevices
 from mmw.scene.scene_data import Prototype
 from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, load_ply
 from tests.oracles.sionna import FOLDER, MANIFEST, read_case, used_material
@@ -120,7 +121,7 @@ def channel_config(config: dict) -> ChannelConfig:
         carriers_hz=(config["frequency"],),
         candidates="exhaustive",
         diffuse_samples=solver.get("samples_per_src", 1000),
-        pattern="iso",
+        antennas=antenna_at(pattern="iso"),
         **{name: solver[name] for name in SOLVER_KEYS if name in solver},
     )
 

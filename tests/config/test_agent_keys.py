@@ -5,7 +5,6 @@ from typing import Any
 import pytest
 
 from mmw.config import Config, load_config
-from mmw.config.agent_keys import of_agent
 from mmw.core.errors import InputError
 from mmw.sensors import Lidar
 
@@ -22,9 +21,6 @@ def config(**changes: Any) -> Config:
 
 
 def test_a_name_comes_before_its_role() -> None:
-    values = {"cav": 1, "cav_2": 2}
-    assert [of_agent(values, "cav", name, 0) for name in ("cav_1", "cav_2")] == [1, 2]
-    assert of_agent(values, "rsu", "corner", 0) == 0
     lidar = Lidar(on=("corner", "cav_2"), mount={"cav_2": {"position_m": (0, 0, 3.5)}})
     assert [lidar.is_on(*agent) for agent in (("cav", "cav_1"), ("cav", "cav_2"), ("rsu", "corner"))] == [
         False, True, True,
@@ -32,10 +28,9 @@ def test_a_name_comes_before_its_role() -> None:
     assert lidar.mount_on("cav", "cav_2").position_m == (0, 0, 3.5)
     assert lidar.mount_on("cav", "cav_1").position_m == (0, 0, 2.5)
     assert lidar.mount_on("vehicle", "veh_001").position_m == (0, 0, 2.5)
-    channel = config(channel={"antenna_position_m": {"corner": (0, 0, 6)}}).channel
-    assert channel.antenna_on("rsu", "corner") == (0, 0, 6)
-    assert channel.antenna_on("rsu", "other") == (0, 0, 4)
-    assert channel.antenna_on("pedestrian", "ped_001") == (0, 0, 0)
+    (antenna,) = config(channel={"antennas": [{"mount": {"corner": {"position_m": (0, 0, 6)}}}]}).channel.antennas
+    assert antenna.mount_on("rsu", "corner").position_m == (0, 0, 6)
+    assert antenna.mount_on("rsu", "other").position_m == (0, 0, 4)
 
 
 def test_names_of_agents_are_accepted() -> None:
@@ -54,7 +49,11 @@ def test_names_of_agents_are_accepted() -> None:
             {"sensors": [{"type": "imu", "mount": {"corners": {"yaw_deg": 3}}}]},
             r"sensors\[0\].mount names 'corners', .* did you mean `corner`",
         ),
-        ({"channel": {"antenna_position_m": {"drone": (0, 0, 1)}}}, r"antenna_position_m names 'drone', .* there are"),
+        ({"channel": {"antennas": [{"on": ["drone"]}]}}, r"antennas\[0\].on names 'drone', .* there are"),
+        (
+            {"channel": {"links": [{"name": "up", "tx": ["cav"], "rx": ["corners"]}]}},
+            r"links\[0\].rx names 'corners', .* did you mean `corner`",
+        ),
         ({"sensors": [{"type": "imu", "on": ["cav_1", "cav_1"]}]}, "names one twice"),
     ],
 )

@@ -42,7 +42,7 @@ def test_defaults_are_the_papers_tables(config_file: Path) -> None:
     assert (depth.width_px, depth.height_px, depth.fov_deg, depth.on) == (640, 480, 110, ("rsu",))
     channel = config.channel
     assert (channel.carriers_hz, channel.samples_per_tx, channel.max_depth) == ((28e9, 4.9e9), 10**6, 1)
-    assert (channel.pattern, channel.polarization) == ("dipole", "V")
+    assert [(one.pattern, one.polarization) for one in channel.antennas] == [("dipole", "V")]
 
 
 def test_overrides_reach_lists_and_new_sections(config_file: Path) -> None:
@@ -66,7 +66,7 @@ def test_overrides_reach_into_defaults_that_the_file_leaves_out(tmp_path: Path) 
         "sensors.0.mount.cav.position_m.2=1.9",
         "sensors.1.on=[cav]",
         "channel.carriers_hz.1=3.5e9",
-        "channel.antenna_position_m.rsu.2=9",
+        "channel.antennas.antenna.mount.rsu.position_m.2=9",
     ]
     config, default = load_config(path, changes), load_config(path)
     lidar, depth, imu = config.sensors[:3]
@@ -74,7 +74,8 @@ def test_overrides_reach_into_defaults_that_the_file_leaves_out(tmp_path: Path) 
     assert lidar.mount["rsu"] == default.sensors[0].mount["rsu"]
     assert (depth.on, imu) == (("cav",), default.sensors[2])
     assert config.channel.carriers_hz == (28e9, 3.5e9)
-    assert config.channel.antenna_position_m == {"cav": (0, 0, 2.5), "rsu": (0, 0, 9)}
+    mount = config.channel.antennas[0].mount
+    assert [mount[role].position_m for role in ("cav", "rsu")] == [(0, 0, 2.5), (0, 0, 9)]
 
 
 def test_overrides_name_items_of_lists_or_all(tmp_path: Path) -> None:
@@ -117,13 +118,14 @@ def test_on_is_a_key_and_a_role_without_a_mount_keeps_its_default(tmp_path: Path
     path.write_text(
         "scenarios: [{name: s, stage: s.usda}]\n"
         "sensors:\n  - {type: lidar, on: [cav, rsu], mount: {cav: {position_m: [0, 0, 1.8]}}}\n"
-        "channel: {antenna_position_m: {cav: [0, 0, 1.5]}}\n"
+        "channel: {antennas: [{mount: {cav: {position_m: [0, 0, 1.5]}}}]}\n"
     )
     config = load_config(path)
     assert config.sensors[0].on == ("cav", "rsu")
     positions = {role: mount.position_m for role, mount in config.sensors[0].mount.items()}
     assert positions == {"cav": (0, 0, 1.8), "rsu": (0, 0, 4.0)}
-    assert config.channel.antenna_position_m == {"cav": (0, 0, 1.5), "rsu": (0, 0, 4.0)}
+    mount = config.channel.antennas[0].mount
+    assert [mount[role].position_m for role in ("cav", "rsu")] == [(0, 0, 1.5), (0, 0, 4)]
 
 
 @pytest.mark.parametrize(

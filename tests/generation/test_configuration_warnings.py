@@ -45,7 +45,7 @@ def found(arrays: SceneData, *changes: str) -> list[str]:
             "channel.refraction finds nothing: no material of the scene has a thick",
         ),
         (SLAB, "channel.refraction=true", ""),
-        (SMOOTH, "channel.links=[v2v]", "channel.links has v2v, but there is 1 CAV: no such link"),
+        (SMOOTH, "channel.links=[v2v]", "channel.links has v2v, but the scenario has 1 CAV, 1 RSU: no such link"),
         (ROUGH, "channel={max_depth: 0, diffuse_reflection: true}", "channel.max_depth = 0 leaves the line of sight"),
         (SMOOTH, "channel={los: false, specular_reflection: false}", "los and all interactions are switched off"),
         (SMOOTH, "channel={enabled: false, diffuse_reflection: true}", ""),

@@ -30,7 +30,7 @@ def test_what_does_not_decide_a_stage(change: str) -> None:
         "seed=1", "frames.count=11", "weathers=[rainy]", "scenarios.0.traffic.vehicle_count=12",
         "scenarios.0.town=town05",
         "scenarios.0.rsus.0.yaw_deg=1", "sensors.lidar.mount.cav.yaw_deg=5", "sensors.lidar.rate_hz=50",
-        "channel.antenna_position_m={cav: [0, 0, 3]}", "channel.enabled=false", "vary={spawn: {}}",
+        "channel.antennas=[{power_dbm: 30}]", "channel.enabled=false", "vary={spawn: {}}",
         "vary={spawn: {radius_m: 99}}", "vary={rsu: {}}",
     ],
 )  # fmt: skip

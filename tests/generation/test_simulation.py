@@ -158,7 +158,7 @@ def test_notes_are_log_records(tiny: Config, folder: Path, caplog: pytest.LogCap
     with caplog.at_level(logging.WARNING, "mmw"), mmw.Simulation(config, base=folder, device="cpu"):
         pass
     assert [record.getMessage() for record in caplog.records] == [
-        "channel.links has v2v, but there is 1 CAV: no such link"
+        "channel.links has v2v, but the scenario has 1 CAV, 1 RSU: no such link"
     ]
 
 

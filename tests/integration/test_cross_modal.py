@@ -32,7 +32,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     root = tmp_path_factory.mktemp("cross") / "d"
     code = main(
         ["--config", str(CONFIG), "--out", str(root), f"frames.count={len(FRAMES)}", f"sensors={SENSORS}",
-         "channel.antenna_position_m={cav: [0, 0, 2.5], rsu: [0, 0, 4.0]}"]
+         "channel.antennas.antenna.mount={cav: {position_m: [0, 0, 2.5]}, rsu: {position_m: [0, 0, 4.0]}}"]
     )  # fmt: skip
     assert code == 0
     return open_dataset(root)

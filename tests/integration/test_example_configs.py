@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mmw.cli.run import main
+from mmw.core.transforms import invert, transform_points
 from mmw.dataset import open_dataset
 from mmw.generation.verification.completeness import check_plan, read_plan
 from mmw.storage.store import store_of
@@ -49,6 +51,34 @@ def test_street_140ghz(tmp_path: Path) -> None:
     assert "at 140 GHz: extrapolated from 29.5 GHz with the exponents of its last row" in card
     assert "(itu_brick) at 60 GHz: interpolated between 40 and 110 GHz" in card
     assert "28 GHz:" not in card
+
+
+def test_sectors_60ghz(tmp_path: Path) -> None:
+    """Each sector has links; the strongest is that which looks at the vehicle, and a downlink is as strong as its
+    uplink."""
+    data = open_dataset(made("sectors_60ghz", tmp_path, "channel.samples_per_tx=50_000", "weathers=[sunny]"))
+    sectors = {f"sector_{number}" for number in (1, 2, 3)}
+    rows = data.read("links").to_pylist()
+    down = [row for row in rows if row["link"] == "v2i"]
+    assert {(row["peer"], row["peer_antenna"], row["agent"], row["antenna"]) for row in down} == {
+        ("rsu_1", sector, cav, "roof") for sector in sectors for cav in ("cav_1", "cav_2")
+    }
+    up = {row["peer"]: row for row in rows if row["link"] == "uplink"}
+    assert {(row["agent"], row["antenna"]) for row in up.values()} == {("rsu_1", "sector_1")} and len(up) == 2
+    for row in down:
+        if row["peer_antenna"] == "sector_1":
+            assert abs(row["gain_db"] - up[row["agent"]]["gain_db"]) < 1e-6
+    mounts = {row["sensor"]: row for row in data.read("sensors").to_pylist() if row["agent"] == "rsu_1"}
+    assert sectors <= set(mounts) and mounts["sector_2"]["qz"] == pytest.approx(0.866, abs=0.01)
+    frame = data.frame("sectors_60ghz", "sunny", 0)
+    for cav in ("cav_1", "cav_2"):
+        gains = {row["peer_antenna"]: row["gain_db"] for row in down if row["agent"] == cav}
+        target = frame.agents[cav].sensor_pose("roof")[:3]
+        unit = frame.agents["rsu_1"]
+        ahead = {name: transform_points(invert(unit.sensor_pose(name)), target) for name in sectors}
+        assert max(gains, key=gains.__getitem__) == max(
+            sectors, key=lambda name: ahead[name][0] / np.linalg.norm(ahead[name])
+        )
 
 
 def test_v2v_only(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.scenes import arrays_from_parts, box_model, pose, street_canyon
 from tests.oracles.solved_paths import solve
 from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
@@ -30,12 +31,13 @@ Interactions = tuple[tuple[int, int], ...]
 """(interaction, surface) from transmitter to receiver; of a diffraction, the number of its edge."""
 
 
-def channel(**changes) -> ChannelConfig:
+def channel(pattern: str = "dipole", polarization: str = "V", **changes) -> ChannelConfig:
     """Return a configuration that tries every candidate, with both antennas at their agents' origins."""
+    at_origins = {"cav": (0.0, 0.0, 0.0), "rsu": (0.0, 0.0, 0.0)}
     values = {
         "carriers_hz": (28e9, 4.9e9),
         "candidates": "exhaustive",
-        "antenna_position_m": {"cav": (0, 0, 0), "rsu": (0, 0, 0)},
+        "antennas": antenna_at(at_origins, pattern=pattern, polarization=polarization),
     }
     return ChannelConfig(**{**values, **changes})
 

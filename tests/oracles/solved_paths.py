@@ -3,6 +3,7 @@
 import numpy as np
 
 import mmw
+from mmw.channel.antennas.link_elements import configured_array
 from mmw.channel.links import Links, make_links
 from mmw.channel.paths import LOSSES, PathSet
 from mmw.config import ChannelConfig
@@ -21,7 +22,7 @@ def solve(
 ) -> tuple[Links, PathSet]:
     """Return the links of some frames, all by default, and their paths, by the public API: frame after frame."""
     scene = mmw.Scene(arrays, {name: PRESETS.get(name, Weather()) for name in arrays.materials}, device=device)
-    scene.tx_array = scene.rx_array = mmw.PlanarArray(pattern=config.pattern, polarization=config.polarization)
+    scene.tx_array = scene.rx_array = configured_array(config.antennas[0])
     options = {name: getattr(config, name) for name in SOLVER_OPTIONS}
     solver = mmw.PathSolver(**options, air_losses=False, check_places=False)
     numbers = list(arrays.frames) if frames is None else frames
@@ -37,7 +38,7 @@ def solve(
         ]
         for kind, index in (*ends[0], *ends[1]):
             actor = arrays.actors[index]
-            place = {**config.antenna_position_m}.get(actor.role, (0.0, 0.0, 0.0))
+            place = config.antennas[0].mount_on(actor.role, actor.name).position_m
             scene.add(kind(actor.name, place, actor=actor.name))
         found = solver(scene, carriers_hz=config.carriers_hz, weathers=list(arrays.materials))
         of_pair = np.full((len(ends[1]), len(ends[0])), -1)

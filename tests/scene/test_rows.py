@@ -12,6 +12,7 @@ from mmw.core.kinematics import differentiate
 from mmw.core.transforms import conjugate, pose_from_ypr, rotate
 from mmw.scene.rows import frame_rows, pose_rows
 from mmw.scene.scene_data import SceneData
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.scenes import arrays_from_parts, pose, two_cars, wall_part
 from tests.oracles.channel import link_scene, solve
 
@@ -29,7 +30,8 @@ def test_link_statistics_are_those_of_their_paths() -> None:
     arrays = two_cars(3)
     config = ChannelConfig(candidates="exhaustive", links=("v2i",))
     links, paths = solve(arrays, config, "cpu", [1, 2])
-    rows, each = (make(agents_of(arrays), links, paths, "sunny") for make in (link_rows, path_rows))
+    rows = link_rows(agents_of(arrays), ("v2i",), links, paths, "sunny")
+    each = path_rows(agents_of(arrays), links, paths, "sunny")
     assert rows["frame"].tolist() == [1, 1, 2, 2] and rows["carrier_hz"].tolist() == [28e9, 4.9e9] * 2
     for k in range(4):
         own = (each["frame"] == rows["frame"][k]) & (each["carrier_hz"] == rows["carrier_hz"][k])
@@ -48,7 +50,9 @@ def test_link_statistics_are_those_of_their_paths() -> None:
 
 def test_link_without_power_has_no_statistics() -> None:
     arrays = link_scene([wall_part("wall", (0.0, -500.0), (0.0, 500.0), 300.0)], (-10, 0), (10, 0))
-    rows = link_rows(agents_of(arrays), *solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu"), "sunny")
+    rows = link_rows(
+        agents_of(arrays), ("v2i",), *solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu"), "sunny"
+    )
     assert rows["path_count"].tolist() == [0, 0] and rows["is_los"].tolist() == [False, False]
     for name in ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz"):
         assert rows[name].null_count == 2
@@ -58,7 +62,7 @@ def test_angles_and_doppler_of_the_line_of_sight() -> None:
     """A CAV that drives east, away from a roadside unit in its south-west: the shift is negative."""
     poses = np.array([[pose(0, 0), pose(30 + 0.2 * k, 30)] for k in range(5)])
     arrays = arrays_from_parts([], actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], poses=poses)
-    config = ChannelConfig(max_depth=0, antenna_position_m={"cav": (0, 0, 1.5), "rsu": (0, 0, 5.0)})
+    config = ChannelConfig(max_depth=0, antennas=antenna_at({"cav": (0, 0, 1.5), "rsu": (0, 0, 5.0)}))
     rows = path_rows(agents_of(arrays), *solve(arrays, config, "cpu", [2]), "sunny")
     away = np.array([30.4, 30.0, -3.5])
     length = np.linalg.norm(away)

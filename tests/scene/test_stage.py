@@ -19,6 +19,7 @@ from mmw.sensors import DepthCamera, Imu, Lidar
 from mmw.traffic.demand import VehicleTrack
 from mmw.usd.validate import validate_stage
 from mmw.usd.vehicle_catalog import load_catalog
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.stages import write_town
 
 FRAMES = 40
@@ -67,7 +68,7 @@ def compose(path: Path, town: Path, **changes) -> Path:
         "sensors": SENSORS,
         "weather": "rainy",
         "meta": META,
-        "antenna_position_m": {"cav": (0.0, 0.0, 2.5)},
+        "antennas": antenna_at(on=("cav",)),
     }
     return compose_scenario(path, **arguments | changes)
 

@@ -118,10 +118,12 @@ def test_sidewalks_survive_usd(tmp_path: Path) -> None:
     assert read_sidewalks(stage, "/Town/Nothing") == []
 
 
-def pedestrians(sidewalks: list[Sidewalk], count: int, frame_count: int = 50, seed: int = 4) -> list[VehicleTrack]:
+def pedestrians(
+    sidewalks: list[Sidewalk], count: int, frame_count: int = 50, seed: int = 4, vru_ranks: tuple[int, ...] = ()
+) -> list[VehicleTrack]:
     """Return the tracks of people on sidewalks without a road."""
     town = Town(Path("town.usda"), LaneGraph(), np.zeros((0, 3)), np.zeros((0, 3), np.int32), tuple(sidewalks))
-    traffic = TrafficConfig(spawn_center_m=(0, 0, 0), pedestrian_count=count)
+    traffic = TrafficConfig(spawn_center_m=(0, 0, 0), pedestrian_count=count, vru_ranks=vru_ranks)
     return simulate_pedestrians(TrafficDemand(town, traffic, {}, frame_count, seed))
 
 
@@ -199,3 +201,14 @@ def test_pedestrians_of_a_scenario_have_boxes_and_are_counted(tmp_path) -> None:
     assert mine.sum() == 12 and (boxes.size[mine, 2] > 1.2).all()
     assert (np.linalg.norm(boxes.velocity[mine], axis=1) > 0.3).all()
     assert frame_rows(arrays, [0, 1], 42)["pedestrian_count"].tolist() == [6, 6]
+
+
+def test_connected_people_walk_as_they_would_without_a_phone() -> None:
+    (walk,) = sidewalk_lines([sidewalk(20.0, 2.0)], [])
+    plain, connected = pedestrians([walk], 4), pedestrians([walk], 4, vru_ranks=(2, 0))
+    assert [(track.name, track.role) for track in connected] == [
+        ("vru_2", "vru"), ("ped_002", "pedestrian"), ("vru_1", "vru"), ("ped_004", "pedestrian"),
+    ]  # fmt: skip
+    for one, other in zip(plain, connected, strict=True):
+        assert one.role == "pedestrian" and (one.model, one.paint) == (other.model, other.paint)
+        np.testing.assert_array_equal(one.poses, other.poses)

@@ -3,7 +3,9 @@
 Source: element positions and counting of planar ones as in Sionna RT 2.2 (`PlanarArray`).
 """
 
+import json
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -234,3 +236,29 @@ def upa(num_rows: int, num_cols: int, **options: Any) -> PlanarArray:
         (32, 3)
     """
     return PlanarArray(num_rows=num_rows, num_cols=num_cols, **options)
+
+
+ROW_KEYS = ("pattern", "polarization", "num_rows", "num_cols", "vertical_spacing", "horizontal_spacing")
+"""Fields of `PlanarArray` that a row of table `sensors` has in `params`."""
+
+
+def array_from_row(row: Mapping[str, Any]) -> PlanarArray:
+    """Return the array of an antenna of a dataset, turned on its agent as its mount is.
+
+    Args:
+        row: Row of table `sensors` of type `antenna`: at least `type`, `params` and qx to qw.
+
+    Raises:
+        InputError: If the row is of another type of sensor.
+
+    Examples:
+        >>> import mmw
+        >>> rows = mmw.open_dataset("out/quickstart").read("sensors", agent="rsu_1", sensor="antenna").to_pylist()
+        >>> array_from_row(rows[0]).pattern
+        'dipole'
+    """
+    if row["type"] != "antenna":
+        raise InputError(f"array_from_row: type = {row['type']!r}; a row of an antenna is needed; give one")
+    params = json.loads(row["params"])
+    turn = tuple(float(row[name]) for name in ("qx", "qy", "qz", "qw"))
+    return PlanarArray(**{name: params[name] for name in ROW_KEYS}, orientation=turn)

@@ -4,8 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.antennas.arrays import ROW_KEYS, PlanarArray
 from mmw.channel.antennas.patterns import antenna_field, slant_angles
+from mmw.channel.links import Links
+from mmw.config import ChannelConfig
+from mmw.config.antennas import AntennaConfig
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,17 @@ class LinkElements:
     def take(self, rows: np.ndarray) -> "LinkElements":
         """Return those of some links."""
         return LinkElements(*(replace(end, index=end.index[rows]) for end in (self.tx, self.rx)))
+
+
+def configured_array(antenna: AntennaConfig) -> PlanarArray:
+    """Return the array of a configured antenna, in the axes of its mount."""
+    return PlanarArray(**{name: getattr(antenna, name) for name in ROW_KEYS})
+
+
+def configured_elements(config: ChannelConfig, links: Links) -> LinkElements:
+    """Return the elements of the configured antennas at both ends of links."""
+    arrays = tuple(configured_array(antenna) for antenna in config.antennas)
+    return LinkElements(tx=EndElements(arrays, links.tx_antenna), rx=EndElements(arrays, links.rx_antenna))
 
 
 def is_level(array: PlanarArray) -> bool:

@@ -8,7 +8,7 @@ from typing import Any, Literal, overload
 import numpy as np
 
 from mmw.channel.antennas.link_elements import EndElements, LinkElements
-from mmw.channel.links import LINK_V2I, Links
+from mmw.channel.links import Links
 from mmw.channel.path_solver.place_checks import PlaceCheck
 from mmw.channel.path_solver.solver import Trace, check_channel_materials, path_gains, trace_links
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
@@ -208,7 +208,7 @@ class PathSolver:
         links = Links(
             frame=np.full(len(t), scene.frame, dtype=np.int32),
             batch_index=np.zeros(len(t), dtype=np.int32),
-            kind=np.full(len(t), LINK_V2I, dtype=np.int8),
+            kind=np.zeros(len(t), dtype=np.int8),
             tx_actor=tx.number[t],
             rx_actor=rx.number[r],
             tx_antenna=np.zeros(len(t), dtype=np.int32),

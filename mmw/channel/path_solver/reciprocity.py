@@ -7,30 +7,32 @@ import numpy as np
 from mmw.channel.links import Links
 from mmw.channel.path_solver.traced_paths import reverse_columns
 from mmw.channel.paths import PathSet, path_ids
+from mmw.config import ChannelConfig
 from mmw.physics.em.interaction import TRANSMISSION
 
 
-def unique_links(links: Links) -> tuple[np.ndarray, np.ndarray]:
+def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.ndarray]:
     """Return the links that have to be traced, and for every link the one that reads a traced link backward.
 
-    Two links of one frame are each other's reverse if each starts where the other ends, with the same attitude there.
-    The one with the lower transmitter is traced, so that few transmitters serve all pairs.
+    Two links of one frame are each other's reverse if each starts at the antenna where the other ends, with the same
+    attitude there. The one with the lower transmitter is traced, so that few transmitters serve all pairs. Antennas of
+    different polarizations have no reverse: the loss by rain is that of the transmitter's.
 
     Args:
         links: The links.
+        config: The antennas.
 
     Returns:
         Rows of `links` to trace, shape [T]; and the row, among those, that each link is the reverse of, -1 for a link
         that is traced itself, shape [L].
     """
-    low = np.minimum(links.tx_actor, links.rx_actor)
-    high = np.maximum(links.tx_actor, links.rx_actor)
-    order = np.lexsort((links.tx_actor, high, low, links.batch_index))
+    tx, rx = links.tx_number, links.rx_number
+    order = np.lexsort((tx, np.maximum(tx, rx), np.minimum(tx, rx), links.batch_index))
     first, second = order[:-1], order[1:]
-    is_pair = (links.batch_index[first] == links.batch_index[second]) & (
-        links.tx_actor[first] == links.rx_actor[second]
-    )
-    is_pair &= (links.rx_actor[first] == links.tx_actor[second]) & (links.tx_actor[first] < links.tx_actor[second])
+    polarization = np.array([antenna.polarization for antenna in config.antennas])
+    is_pair = (links.batch_index[first] == links.batch_index[second]) & (tx[first] == rx[second])
+    is_pair &= (rx[first] == tx[second]) & (tx[first] < tx[second])
+    is_pair &= polarization[links.tx_antenna[first]] == polarization[links.rx_antenna[first]]
     for one, other in ((links.tx, links.rx), (links.rx, links.tx)):
         is_pair &= (one.position[first] == other.position[second]).all(axis=1)
         is_pair &= (one.rotation[first] == other.rotation[second]).all(axis=(1, 2))
@@ -46,8 +48,8 @@ def unique_links(links: Links) -> tuple[np.ndarray, np.ndarray]:
 def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> PathSet:
     """Return the paths of all links from those of the traced ones.
 
-    The transfer backward is the transpose, and with equal antennas at both ends the coefficient is the same: mirrors
-    and slabs are reciprocal. Not for diffraction and diffuse scattering, whose models tell the ends apart.
+    The transfer backward is the transpose, and the coefficient between the same two antennas is the same: mirrors and
+    slabs are reciprocal. Not for diffraction and diffuse scattering, whose models tell the ends apart.
 
     Args:
         paths: CarrierPaths of the traced links; `link` counts among them.
@@ -76,7 +78,7 @@ def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse
     own = np.concatenate([np.arange(len(paths)), row])
     for name in ("kind", "order", "tau", "range_rate"):
         joined[name] = getattr(paths, name)[own]
-    back_id = path_ids(links.tx_actor[link], links.rx_actor[link], interaction, joined["surface"][len(paths) :])
+    back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, joined["surface"][len(paths) :])
     joined["path_id"] = np.concatenate([paths.path_id, back_id])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.channel.antennas.link_elements import LinkElements
-from mmw.channel.antennas.patterns import antenna_field
+from mmw.channel.antennas.link_elements import LinkElements, configured_elements
 from mmw.channel.links import Links
 from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
@@ -92,7 +91,7 @@ def trace_links(
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     traced, reverse_of = np.arange(len(links)), np.full(len(links), -1)
     if is_reciprocal and config.is_reciprocal:
-        traced, reverse_of = unique_links(links)
+        traced, reverse_of = unique_links(links, config)
     is_whole = len(traced) == len(links)
     is_pair = np.zeros(len(traced), dtype=bool)
     is_pair[reverse_of[reverse_of >= 0]] = True
@@ -115,8 +114,8 @@ def path_gains(
     trace: Trace,
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
-    air: Mapping[str, Weather] | None = None,
-    elements: LinkElements | None = None,
+    air: Mapping[str, Weather] | None,
+    elements: LinkElements,
     *,
     diffraction_model: DiffractionModel = "utd",
 ) -> PathSet:
@@ -124,7 +123,7 @@ def path_gains(
 
     Args:
         trace: The traced links.
-        config: Carriers, and pattern and polarization of antennas that `elements` does not give.
+        config: Carriers.
         materials: Weather -> materials by id, for the weathers that are wanted.
         air: Weather -> state of the air; a weather that is not there has air without losses.
         elements: Antenna elements at both ends of each of `trace.links`.
@@ -136,7 +135,7 @@ def path_gains(
     search, found, geometry = trace.search, trace.found, trace.geometry
     links, table = search.links, search.table
     is_whole = len(trace.traced) == len(trace.links)
-    own = elements if elements is None or is_whole else elements.take(trace.traced)
+    own = elements if is_whole else elements.take(trace.traced)
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
     is_there = found.kind != 0
     paths = PathSet(
@@ -179,7 +178,7 @@ def solve_paths(
     Args:
         scene: The scene with the batch of the links loaded.
         links: Links whose frames are loaded.
-        config: Carriers, rays, candidate mode, depth, interactions, pattern and polarization.
+        config: Carriers, rays, candidate mode, depth, interactions and antennas.
         materials: Weather -> materials by id, for the weathers that are wanted.
         table: Surfaces of the scene, from `make_surface_table`; made here when not given.
         air: Weather -> state of the air; a weather that is not there has air without losses.
@@ -198,7 +197,8 @@ def solve_paths(
         table = make_surface_table(scene, wedges=config.diffraction)
     check_channel_materials(materials, table.used_materials, config)
     trace = trace_links(scene, links, config, table)
-    return path_gains(trace, config, materials, air, diffraction_model=diffraction_model)
+    elements = configured_elements(config, links)
+    return path_gains(trace, config, materials, air, elements, diffraction_model=diffraction_model)
 
 
 def launched_rays(links: Links, config: ChannelConfig) -> int:
@@ -212,10 +212,10 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
         return 0
     is_pair = np.zeros(len(links), dtype=bool)
     if config.is_reciprocal:
-        traced, reverse_of = unique_links(links)
+        traced, reverse_of = unique_links(links, config)
         is_pair[reverse_of >= 0] = True
         is_pair[traced[reverse_of[reverse_of >= 0]]] = True
-    ends = np.stack([links.batch_index, links.tx_actor], axis=1)
+    ends = np.concatenate([links.batch_index[:, None], links.tx.position], axis=1)  # antennas at one place share rays
     return sum(
         len(np.unique(ends[rows], axis=0)) * rays
         for rows, rays in ((~is_pair, config.samples_per_tx), (is_pair, config.samples_per_tx // 2))
@@ -228,7 +228,7 @@ def _path_ids(links: Links, found: TracedPaths) -> np.ndarray:
     if len(rough):  # a patch is known by its ray
         surface = surface.copy()
         surface[rough, step] = found.ray[rough]
-    return path_ids(links.tx_actor[found.link], links.rx_actor[found.link], found.kind, surface)
+    return path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, surface)
 
 
 def _faces(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
@@ -286,19 +286,14 @@ def _gains(
     config: ChannelConfig,
     materials: dict[str, tuple[Material, ...]],
     air: Mapping[str, Weather] | None,
-    elements: LinkElements | None,
+    elements: LinkElements,
     diffraction_model: DiffractionModel,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
     """Return transfer [P, C, 2, 2], coefficient [P, C] and losses of the air [P, C] of every weather."""
     links, found, geometry, interactions = trace.search.links, trace.found, trace.geometry, trace.interactions
-    if elements is None:
-        tx_field = antenna_field(geometry.departure, links.tx.rotation[found.link], config.pattern, config.polarization)
-        rx_field = antenna_field(geometry.arrival, links.rx.rotation[found.link], config.pattern, config.polarization)
-        tilt = np.array(0.0 if config.polarization == "H" else np.pi / 2)
-    else:
-        rotations = links.tx.rotation, links.rx.rotation
-        tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
-        tilt = elements.tx.tilt[found.link]
+    rotations = links.tx.rotation, links.rx.rotation
+    tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
+    tilt = elements.tx.tilt[found.link]
     elevation = np.pi / 2 - geometry.theta_t
     transfer, a, loss_db = {}, {}, {}
     for weather, by_id in materials.items():

@@ -7,8 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel.antennas.arrays import PlanarArray
+from mmw.channel.antennas.link_elements import configured_array
+from mmw.config.antennas import AntennaConfig
 from mmw.core.errors import InputError
-from mmw.core.transforms import normalize, quaternion_to_matrix, transform_points
+from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_matrix
+from mmw.scene.mounted_antennas import antenna_pose
 from mmw.scene.scene_data import SceneData
 
 
@@ -131,34 +134,46 @@ def actor_transmitters(
     arrays: SceneData,
     frame: int,
     *,
-    role: str = "rsu",
-    mount_m: Sequence[float] = (0.0, 0.0, 4.0),
-    array: PlanarArray | None = None,
-    power_dbm: float = 44.0,
+    antennas: Sequence[AntennaConfig] = (AntennaConfig(),),
+    roles: Sequence[str] = ("rsu", "bs"),
+    power_dbm: float | None = None,
 ) -> Transmitters:
-    """Return the actors of a role that are present in a frame, as transmitters.
+    """Return the antennas of the agents of some roles that are present in a frame, as transmitters.
+
+    A transmitter has the name of its agent, with that of the antenna behind it (`rsu_1.sector_2`) where the agent has
+    several.
 
     Args:
         arrays: The scene.
         frame: Frame number.
-        role: `rsu` or `cav`.
-        mount_m: Antenna in the actor's frame [m].
-        array: Antennas; one vertical short dipole by default.
-        power_dbm: Transmit power of each [dBm]; the default is Sionna RT's.
+        antennas: Antennas of the agents.
+        roles: Roles of the agents.
+        power_dbm: Transmit power of each [dBm]; None for that of its antenna.
 
     Raises:
-        InputError: If the scene does not cover the frame, or has no such actor in it.
+        InputError: If the scene does not cover the frame, or has no such agent with an antenna in it.
     """
     pose = arrays.poses[arrays.frame_row(frame)]
-    rows = [i for i, actor in enumerate(arrays.actors) if actor.role == role and np.isfinite(pose[i]).all()]
-    if not rows:
+    rows = [i for i, actor in enumerate(arrays.actors) if actor.role in roles and np.isfinite(pose[i]).all()]
+    found: list[tuple[str, np.ndarray, AntennaConfig]] = []
+    for row in rows:
+        agent = arrays.actors[row].identity
+        own = [antenna for antenna in antennas if antenna.is_on(*agent)]
+        unit = make_pose(pose[row, :3], normalize(pose[row, 3:]))
+        for antenna in own:
+            name = agent[1] if len(own) == 1 else f"{agent[1]}.{antenna.name}"
+            found.append((name, compose(unit, antenna_pose(antenna, *agent)), antenna))
+    if not found:
         raise InputError(
-            f"frame {frame}: no actor of role {role!r}; a map needs a transmitter; add one to the scenario"
+            f"frame {frame}: no actor of role {' or '.join(map(repr, roles))} has an antenna; a map needs a "
+            "transmitter; add one to the scenario"
         )
+    place = np.array([pose for _, pose, _ in found])
+    power = [antenna.power_dbm if power_dbm is None else power_dbm for _, _, antenna in found]
     return Transmitters(
-        names=tuple(arrays.actors[i].name for i in rows),
-        position=transform_points(pose[rows], np.asarray(mount_m, dtype=np.float64)),
-        rotation=quaternion_to_matrix(normalize(pose[rows, 3:])),
-        power_dbm=np.full(len(rows), float(power_dbm)),
-        array=array or PlanarArray(),
+        names=tuple(name for name, _, _ in found),
+        position=place[:, :3],
+        rotation=quaternion_to_matrix(place[:, 3:]),
+        power_dbm=np.array(power, dtype=np.float64),
+        array=tuple(configured_array(antenna) for _, _, antenna in found),
     )

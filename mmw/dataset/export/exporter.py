@@ -13,12 +13,13 @@ A killed task leaves no marker, so the same command runs it again.
 import json
 import re
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from mmw.config.agent_keys import AGENT_ROLES
 from mmw.core.errors import InputError
 from mmw.core.file_names import check_file_name, is_file_name
 from mmw.core.progress_bar import Progress
@@ -38,6 +39,9 @@ MAX_TASK_BYTES = 200
 """Longest name of a task, which is a part of the name of its folder."""
 FINISHED = "finish"
 """Marker of a format's last step, which no task may be called."""
+
+VEHICLE_ROLES = ("cav", "rsu")
+"""Roles of agents that formats of vehicles and roadside units have a place for."""
 
 Options = Mapping[str, str]
 """Every option of a format, given or by default."""
@@ -100,7 +104,7 @@ class Part:
     frames: tuple[int, ...]
     """Ascending."""
     agents: tuple[str, ...]
-    """CAVs before roadside units, each in the order of their names."""
+    """CAVs before the others, each in the order of their names."""
 
 
 def export(
@@ -219,7 +223,14 @@ def require(dataset: Dataset, form: str, *tables: str, hint: str = "record it, o
             raise InputError(f"{dataset.root}: has no table {table!r}, which {form} needs; {hint}")
 
 
-def parts(dataset: Dataset, selection: Selection, step_of: Callable[[str], int] = lambda scenario: 1) -> list[Part]:
+def parts(
+    dataset: Dataset,
+    selection: Selection,
+    step_of: Callable[[str], int] = lambda scenario: 1,
+    *,
+    roles: Sequence[str] = AGENT_ROLES,
+    carrying: Sequence[str] = (),
+) -> list[Part]:
     """Return the parts of a selection, scenario by scenario and weather by weather, in the order of their names.
 
     Args:
@@ -227,6 +238,9 @@ def parts(dataset: Dataset, selection: Selection, step_of: Callable[[str], int] 
         selection: Scenarios, weathers, agents and frames.
         step_of: Scenario -> step; only frames that are multiples of it: a sensor of a lower rate samples multiples of
             its period too.
+        roles: Roles of agents that the format has a place for; others are left out.
+        carrying: Types of sensors that the format needs; agents beside CAVs and RSUs that lack one are left out, unless
+            the selection names them.
 
     Raises:
         InputError: If the dataset has no such scenario, weather or agent, nothing is left, or a name of what is left
@@ -239,7 +253,7 @@ def parts(dataset: Dataset, selection: Selection, step_of: Callable[[str], int] 
         picked.setdefault((scenario, weather), []).append(frame)
     _check_known(dataset, "scenario", selection.scenarios, {scenario for scenario, _ in picked})
     _check_known(dataset, "weather", selection.weathers, {weather for _, weather in picked})
-    agents = _agents(dataset)
+    agents = _agents(dataset, roles, carrying, selection.agents)
     _check_known(dataset, "agent", selection.agents, {name for names in agents.values() for name in names})
     result, step = [], 1
     for (scenario, weather), frames in sorted(picked.items()):
@@ -267,15 +281,30 @@ def parts(dataset: Dataset, selection: Selection, step_of: Callable[[str], int] 
     return result
 
 
-def _agents(dataset: Dataset) -> dict[str, list[str]]:
-    """Return the agents of each scenario, CAVs first; numbers in names count as numbers."""
+def _agents(
+    dataset: Dataset, roles: Sequence[str], carrying: Sequence[str], named: Sequence[str]
+) -> dict[str, list[str]]:
+    """Return the agents of each scenario that `parts` keeps, CAVs first; numbers in names count as numbers."""
+    carriers = _carriers(dataset) if carrying else {}
     found: dict[str, set[tuple[bool, tuple[Any, ...], str]]] = {}
     table = dataset.read("poses", columns=["scenario", "agent", "role"]).group_by(["scenario", "agent", "role"])
     for row in table.aggregate([]).to_pylist():
+        types = carriers.get((row["scenario"], row["agent"]), set())
+        may_lack = row["role"] in VEHICLE_ROLES or row["agent"] in named
+        if row["role"] not in roles or not (may_lack or types.issuperset(carrying)):
+            continue
         pieces = tuple((not piece.isdigit(), int(piece) if piece.isdigit() else piece)
                        for piece in re.split(r"(\d+)", row["agent"]))  # fmt: skip
         found.setdefault(row["scenario"], set()).add((row["role"] != "cav", pieces, row["agent"]))
     return {scenario: [name for *_, name in sorted(names)] for scenario, names in found.items()}
+
+
+def _carriers(dataset: Dataset) -> dict[tuple[str, str], set[str]]:
+    """Return the types of the sensors of each agent of each scenario."""
+    found: dict[tuple[str, str], set[str]] = {}
+    for row in dataset.read("sensors", columns=["scenario", "agent", "type"]).to_pylist():
+        found.setdefault((row["scenario"], row["agent"]), set()).add(row["type"])
+    return found
 
 
 def _check_known(dataset: Dataset, kind: str, given: tuple[str, ...], known: set[str]) -> None:

@@ -54,7 +54,7 @@ LOSSES = (
     "ring, object, label, time and number of a LiDAR return are dropped",
     "boxes turn about the camera's y axis alone: pitch and roll against the camera are dropped",
     "velocities and object numbers are dropped; classes are KITTI's: buses and motorcycles become Misc",
-    "only what the camera frames has a label",
+    "only what the camera frames has a label; VRUs, drones and base stations without LiDAR and camera are left out",
     "PNG copies of JPEG images are no sharper than those",
 )
 """Losses of the format."""
@@ -97,7 +97,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
         require(dataset, "kitti", "box_visibility", hint="record it, or record cameras with boxes_2d: true")
     tasks: list[Task] = []
     index: list[Item] = []
-    for part in parts(dataset, selection, frame_steps(dataset, "kitti", "rate", options)):
+    for part in parts(dataset, selection, frame_steps(dataset, "kitti", "rate", options), carrying=("lidar", "rgb")):
         sensors = sensors_of(dataset, part.scenario)
         for agent in part.agents:
             lidar = pick_sensor(sensors[agent], agent, "lidar", options["lidar"], "kitti: lidar=")

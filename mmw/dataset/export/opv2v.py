@@ -30,10 +30,20 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import compose, invert, multiply, quaternion_from_ypr, quaternion_to_ypr, rotate
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_angles, carla_matrix, carla_point, carla_pose
-from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, frame_steps, parts, require
+from mmw.dataset.export.exporter import (
+    VEHICLE_ROLES,
+    Format,
+    Option,
+    Options,
+    Part,
+    Selection,
+    Task,
+    frame_steps,
+    parts,
+    require,
+)
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
-    PEOPLE,
     Block,
     Row,
     Sensor,
@@ -51,7 +61,7 @@ LOSSES = (
     "LiDAR intensity has 8 bits; ring, object, label, time and number of a return are dropped",
     "frames at `rate`, 10 Hz by default, as OpenCOOD counts its delays in tenths of a second",
     "one roadside unit a scenario: OpenCOOD would treat the second as the ego vehicle",
-    "vehicles only, no people; no velocity vector, only speed",
+    "vehicles only, no people and drones; agents are CAVs and a roadside unit; no velocity vector, only speed",
     "plan_trajectory is empty; predicted_ego_pos is the true pose in frames without a GNSS fix and for roadside units",
     "a camera is a pinhole: lens distortion stays in the image, its coefficients are in data_protocol.yaml alone",
     "PNG copies of JPEG images are no sharper than those",
@@ -86,7 +96,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
     if options["images"] != "none":
         require(dataset, "opv2v", "rgb", hint="record RGB cameras, or give images=none")
     tasks = []
-    for part in parts(dataset, selection, frame_steps(dataset, "opv2v", "rate", options)):
+    for part in parts(dataset, selection, frame_steps(dataset, "opv2v", "rate", options), roles=VEHICLE_ROLES):
         sensors = sensors_of(dataset, part.scenario)
         folder = f"{options['split']}/{part.scenario}_{part.weather}"
         ids = agent_folders(dataset, part)
@@ -172,7 +182,7 @@ def _write(block: Block, lidar: Sensor, cameras: Sequence[Sensor], folder: str, 
     target = out / folder
     target.mkdir(parents=True)
     poses = {row["frame"]: row for row in block.rows("poses")}
-    boxes = block.boxes()
+    boxes = block.vehicles()
     hits: dict[tuple[int, int], int] = {}
     for row in block.rows("box_visibility", ["sensor", "object_id", "lidar_points"]):
         if row["sensor"] == lidar.name and row["lidar_points"]:
@@ -185,7 +195,6 @@ def _write(block: Block, lidar: Sensor, cameras: Sequence[Sensor], folder: str, 
             box
             for box in boxes.get(frame, [])
             if box["object_id"] != row["object_id"]
-            and box["category"] not in PEOPLE
             and (options["vehicles"] == "all" or (frame, box["object_id"]) in hits)
         ]
         content = {

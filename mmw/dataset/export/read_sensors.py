@@ -166,6 +166,15 @@ class Block:
         """Return the rows of table `boxes` of each frame, whatever the agent."""
         return by_frame(replace(self, agent=None).rows("boxes"))
 
+    def vehicles(self) -> dict[int, list[Row]]:
+        """Return the boxes of vehicles in each frame, whatever the agent: no people and no drones."""
+        poses = replace(self, agent=None).rows("poses", ["agent", "role"])
+        drones = {row["agent"] for row in poses if row["role"] == "uav"}
+        return {
+            frame: [row for row in rows if row["category"] not in PEOPLE and row["agent"] not in drones]
+            for frame, rows in self.boxes().items()
+        }
+
     def recorded(self, table: str) -> dict[str, set[int]]:
         """Return the frames of each sensor of the agent that have a row in a table."""
         result: dict[str, set[int]] = {}

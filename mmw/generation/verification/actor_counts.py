@@ -6,13 +6,8 @@ from typing import Any
 import numpy as np
 
 from mmw.config import Config, ScenarioConfig
+from mmw.scene.actor_counts import COUNTED, counted_in
 from mmw.storage.finding import Finding
-
-COUNTED = {
-    "cav_count": ("cav",), "rsu_count": ("rsu",), "vehicle_count": ("cav", "vehicle"),
-    "pedestrian_count": ("pedestrian",),
-}  # fmt: skip
-"""Column of `frames` -> roles that it counts."""
 
 ALWAYS_THERE = ("idm", "replay")
 """Traffic engines whose CAVs are there in every frame."""
@@ -36,13 +31,17 @@ def expected_counts(config: Config, scenario: ScenarioConfig, actors: Any) -> Co
     if actors is None:
         return {}
     frames = config.frames_of(scenario)
-    least = {"rsu_count": len(scenario.rsus)}
-    if scenario.traffic is not None and scenario.traffic.engine in ALWAYS_THERE:
-        least["cav_count"] = len(scenario.traffic.cav_ids or scenario.traffic.cav_ranks)
+    least = {
+        "rsu_count": len(scenario.rsus), "bs_count": len(scenario.base_stations), "uav_count": len(scenario.uavs),
+    }  # fmt: skip
+    if scenario.traffic is not None:
+        least["vru_count"] = scenario.traffic.vru_count
+        if scenario.traffic.engine in ALWAYS_THERE:
+            least["cav_count"] = scenario.traffic.cav_count
     counts = {name: np.zeros(frames.count, dtype=int) for name in COUNTED}
     try:
         for actor in actors.values():
-            names = [name for name, roles in COUNTED.items() if actor["role"] in roles]
+            names = counted_in(actor["role"], actor.get("label", ""))
             for first, end in actor["frames"]:
                 if not names or not frames.start <= first < end <= frames.stop:
                     raise ValueError(f"role {actor['role']!r} in frames {first} to {end - 1}")
@@ -54,6 +53,11 @@ def expected_counts(config: Config, scenario: ScenarioConfig, actors: Any) -> Co
         if (counts[name] < wanted).any():
             raise ValueError(f"{name} goes down to {counts[name].min()}; the configuration has {wanted}")
     return counts
+
+
+def actor_kinds(actors: Any) -> dict[str, tuple[str, str]]:
+    """Return model and class of the actors of `expected_counts` that have them; none for None."""
+    return {name: (actor["model"], actor["label"]) for name, actor in (actors or {}).items() if "model" in actor}
 
 
 def check_counts(expected: Counts, start: int, rows: Sequence[tuple], path: str) -> Iterator[Finding]:

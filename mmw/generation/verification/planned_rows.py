@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import pyarrow as pa
 
 from mmw.config import Config
-from mmw.generation.verification.actor_counts import COUNTED, Counts, check_counts, expected_counts
-from mmw.generation.verification.row_counts import COLUMNS, TEXTS, count_rows
+from mmw.generation.verification.actor_counts import Counts, actor_kinds, check_counts, expected_counts
+from mmw.generation.verification.row_counts import COLUMNS, TEXTS, Kinds, count_rows
+from mmw.scene.actor_counts import COUNTED
 from mmw.storage.finding import Finding
 from mmw.storage.manifest import named_markers
 from mmw.storage.row_checks import SHARD, Chunk, Names
@@ -47,6 +48,7 @@ class PlannedRows:
         """Read from the markers of static tables which actors are there in which frame."""
         self._config = config
         self._counts: dict[str, Counts] = {}
+        self._kinds: dict[str, Kinds] = {}
         self.seen = Seen()
         self.findings: list[Finding] = []
         for scenario in config.scenarios:
@@ -54,6 +56,7 @@ class PlannedRows:
             marker = named_markers(store, [name], skip_unreadable=True).get(name, {})
             try:
                 self._counts[scenario.name] = expected_counts(config, scenario, marker.get("actors"))
+                self._kinds[scenario.name] = actor_kinds(marker.get("actors"))
             except ValueError as error:
                 self.findings.append(Finding("marker", name, f"its actors are not those of the scenario ({error})"))
             if marker.get("software") and "actors" not in marker:
@@ -76,7 +79,9 @@ class PlannedRows:
                 }  # fmt: skip
         yield from self._check_actors(chunk, tables)
         rate_hz = self._config.frame_rate_of(self._config.scenario(chunk.scenario))
-        for table, shard, text in count_rows(self._config, frames, tables, chunk.names, rate_hz):
+        for table, shard, text in count_rows(
+            self._config, frames, tables, chunk.names, rate_hz, self._kinds.get(chunk.scenario, {})
+        ):
             yield Finding("count", chunk.path(table, shard), text)
         if "poses" in tables:
             agents = {"poses": tables["poses"].group_by(["agent", "role"], use_threads=False).aggregate([])}
@@ -103,8 +108,13 @@ class PlannedRows:
         """Yield the static tables of scenarios that lack a row that a shard needs; all shards must have been read."""
         config = self._config
         for scenario, tables in self.seen.static.items():
-            agents = self.seen.agents[scenario]
-            mounted = {(agent, one.name) for agent, role in agents for one in config.sensors if one.is_on(role, agent)}
+            agents, kinds = self.seen.agents[scenario], self._kinds.get(scenario, {})
+            mounted = {
+                (agent, one.name)
+                for agent, role in agents
+                for one in config.sensors
+                if one.is_on(role, agent, *kinds.get(agent, ()))
+            }
             antennas = {(agent, "antenna") for agent, _ in agents if config.channel.enabled}
             needed = {
                 ("sensors", "agent", "sensor"): mounted | antennas,

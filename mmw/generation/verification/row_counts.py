@@ -1,5 +1,6 @@
 """Compute how many rows of each key the tables of shards must have, and compare them with those that are there."""
 
+import functools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -9,10 +10,14 @@ import pyarrow.compute as pc
 
 from mmw.config import Config
 from mmw.config.sensor_spec import spec_of
+from mmw.scene.actor_counts import BODY_COLUMNS, COUNTED, ROLE_COLUMNS
 from mmw.storage.row_checks import SHARD, Names
 
 Tables = Mapping[str, pa.Table]
 """Rows of some shards by table, with the index of the shard in the column `SHARD`."""
+
+Kinds = Mapping[str, tuple[str, str]]
+"""Name of an actor -> its model and its class."""
 
 COUNT = "count"
 
@@ -30,7 +35,7 @@ KEY_OF = {
 """Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
 
 COLUMNS = {
-    "frames": ("cav_count", "rsu_count", "vehicle_count", "pedestrian_count"),
+    "frames": COUNTED,
     "poses": ("role", "object_id"),
     "lidar": ("object_id",),
     "radar": ("object_id",),
@@ -42,8 +47,7 @@ COLUMNS = {
 TYPES = {
     SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.int32(), "peer": pa.int32(), "sensor": pa.int32(),
     "role": pa.int32(), "object_id": pa.int32(), "carrier_hz": pa.float64(), "pixels": pa.int64(),
-    "path_count": pa.int64(), "cav_count": pa.int64(), "rsu_count": pa.int64(), "vehicle_count": pa.int64(),
-    "pedestrian_count": pa.int64(), COUNT: pa.int64(),
+    "path_count": pa.int64(), **dict.fromkeys(COUNTED, pa.int64()), COUNT: pa.int64(),
 }  # fmt: skip
 """Column -> type in which it is compared; names are numbers, see `Names`."""
 
@@ -52,7 +56,7 @@ TEXTS = ("agent", "peer", "sensor", "role", "weather")
 
 
 def count_rows(
-    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int
+    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int, kinds: Kinds
 ) -> Iterator[tuple[str, int, str]]:
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
@@ -62,11 +66,12 @@ def count_rows(
         tables: Their rows.
         names: Names whose numbers they hold.
         rate_hz: Frames a second.
+        kinds: Model and class of actors; an actor that is left out has a name and a role only.
 
     Yields:
         Table, index of a shard, and what is wrong with it.
     """
-    for table, expected in _expected(config, frames, tables, names, rate_hz):
+    for table, expected in _expected(config, frames, tables, names, rate_hz, kinds):
         key = KEY_OF.get(table, SAMPLE_KEY)
         for shard, text in _differences(expected, _select(tables, table, (SHARD, *key)), names):
             yield table, shard, text
@@ -96,7 +101,7 @@ def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[
 
 
 def _expected(
-    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int
+    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int, kinds: Kinds
 ) -> Iterator[tuple[str, pa.Table]]:
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
@@ -104,11 +109,11 @@ def _expected(
     yield "frames", _counted({SHARD: shards, "frame": numbers}, 1)
     counts = _select(tables, "frames", (SHARD, "frame", *COLUMNS["frames"]))
     place = {SHARD: counts[SHARD], "frame": counts["frame"]}
-    roles = {role: {**place, "role": np.full(len(counts), names.number(role))} for role in ("cav", "rsu")}
-    yield "poses", pa.concat_tables(_counted(columns, counts[f"{role}_count"]) for role, columns in roles.items())
-    yield "boxes", _counted(place, pc.add(counts["vehicle_count"], counts["pedestrian_count"]))
+    roles = {role: {**place, "role": np.full(len(counts), names.number(role))} for role in ROLE_COLUMNS}
+    yield "poses", pa.concat_tables(_counted(roles[role], counts[column]) for role, column in ROLE_COLUMNS.items())
+    yield "boxes", _counted(place, functools.reduce(pc.add, (counts[column] for column in BODY_COLUMNS)))
     poses = _select(tables, "poses", (SHARD, "frame", "agent", "role", "object_id"))
-    yield from _samples(config, poses, names, rate_hz)
+    yield from _samples(config, poses, names, rate_hz, kinds)
     boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
     traced = poses.filter(pa.array(config.channel.is_due(poses["frame"].to_numpy(), rate_hz)))
     yield "box_visibility", _visibility(config, tables, traced, boxes, names)
@@ -132,15 +137,18 @@ def _with(table: pa.Table, name: str, value: Any) -> pa.Table:
     return table.append_column(name, pa.array(np.full(table.num_rows, value)).cast(TYPES[name]))
 
 
-def _samples(config: Config, poses: pa.Table, names: Names, rate_hz: int) -> Iterator[tuple[str, pa.Table]]:
+def _samples(
+    config: Config, poses: pa.Table, names: Names, rate_hz: int, kinds: Kinds
+) -> Iterator[tuple[str, pa.Table]]:
     """Yield the tables of sensors with a number of rows for each sample, and that number."""
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
+    agents = poses.group_by(["role", "agent"], use_threads=False).aggregate([]).to_pylist()
+    numbers = {row["agent"]: (names.texts[row["role"]], names.texts[row["agent"]]) for row in agents}
     for sensor in config.sensors:
-        on = pa.array(names.numbers(sensor.on))
-        is_due = pc.and_(
-            pc.or_(pc.is_in(poses["role"], on), pc.is_in(poses["agent"], on)), pa.array(sensor.is_due(frame, rate_hz))
-        )
+        carriers = [number for number, agent in numbers.items() if sensor.is_on(*agent, *kinds.get(agent[1], ()))]
+        is_on = pc.is_in(poses["agent"], pa.array(carriers, TYPES["agent"]))
+        is_due = pc.and_(is_on, pa.array(sensor.is_due(frame, rate_hz)))
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
             found.setdefault(table, []).append(_with(_with(due, "sensor", names.number(sensor.name)), COUNT, each))

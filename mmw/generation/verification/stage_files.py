@@ -18,7 +18,7 @@ def check_stages(root: Store, config: Config, inputs: Hashes | None) -> Iterator
     """Yield stages and assets that are missing, changed, of no scenario, or of other input files than the dataset."""
     known: set[str] = set()
     for scenario in config.scenarios:
-        if scenario.stage is not None and not scenario.rsus:
+        if scenario.stage is not None and not scenario.has_units:
             continue  # it is read where the user has it
         name = f"{STAGES}/{scenario.name}.json"
         stage = f"{STAGES}/{scenario.name}.{'usdc' if scenario.stage is None else 'usda'}"

@@ -4,9 +4,10 @@
   Town                  references the town; its weather variant is selected here
   Actors/<name>         animated Xform, mmw:actor:*
     Model               instanceable reference to the vehicle, paint variant selected here
-    Sensors             of CAVs
+    Sensors             of CAVs, VRUs and drones
   RSU/<name>            Xform, mmw:actor:role = rsu
     Sensors
+  BS/<name>             the same for base stations, role bs; only if there are any
 """
 
 import os
@@ -18,6 +19,8 @@ import numpy as np
 from pxr import Sdf
 
 from mmw.config import SensorConfig
+from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
+from mmw.config.antennas import AntennaConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import pose_stride
@@ -30,8 +33,11 @@ from mmw.usd.prim_specs import set_label, set_value
 from mmw.usd.vehicle_catalog import ActorModel
 from mmw.worlds.vehicles.actor_prims import describe_actor
 
-ROLES = ("cav", "vehicle", "pedestrian")
-"""Roles of what moves; roadside units have `rsu`."""
+ROLES = ("cav", "vehicle", "pedestrian", "vru", "uav")
+"""Roles of what moves."""
+
+UNITS = {"rsu": "RSU", "bs": "BS"}
+"""Role of what stands -> name of the group of its prims."""
 
 
 def compose_scenario(
@@ -44,7 +50,8 @@ def compose_scenario(
     sensors: Sequence[SensorConfig],
     weather: str,
     meta: Mapping[str, Any],
-    antenna_position_m: Mapping[str, Sequence[float]] | None = None,
+    antennas: Sequence[AntennaConfig] = (),
+    base_stations: Sequence[tuple[str, np.ndarray]] = (),
     assets: str | Path | None = None,
     rate_hz: int = FRAME_RATE_HZ,
 ) -> Path:
@@ -62,7 +69,8 @@ def compose_scenario(
         sensors: Sensors that agents carry.
         weather: Variant of the town that is selected in the file.
         meta: What is written into the layer's custom data, such as version, scenario and seed.
-        antenna_position_m: Role (`cav`, `rsu`), or name of an agent -> antenna in its frame [m].
+        antennas: Antennas that agents carry.
+        base_stations: Names of base stations and their poses in the world, shape [7].
         assets: Folder of the copies; `assets` beside the stage if absent.
         rate_hz: Frames a second. The stage has a time code for each pose, `pose_stride(rate_hz)` a frame.
 
@@ -89,15 +97,20 @@ def compose_scenario(
         define(layer, "/World/Actors", kind="group")
         for track in tracks:
             _write_actor(layer, track, models[track.model], shape_of[track.model])
-            if track.role == "cav":
-                write_sensors(layer, f"/World/Actors/{track.name}", "cav", sensors, antenna_position_m or {}, rate_hz)
-        define(layer, "/World/RSU", kind="group")
-        for name, pose in rsus:
-            prim = define(layer, f"/World/RSU/{name}", kind="component")
-            place(prim, np.asarray(pose, dtype=np.float64))
-            set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, "rsu")
-            set_label(prim, "static")
-            write_sensors(layer, f"/World/RSU/{name}", "rsu", sensors, antenna_position_m or {}, rate_hz)
+            if track.role in AGENT_ROLES:
+                agent = AgentIdentity(track.role, track.name, track.model, models[track.model].label)
+                path_of = f"/World/Actors/{track.name}"
+                write_sensors(layer, path_of, agent, sensors, antennas, rate_hz)
+        for role, units in (("rsu", rsus), ("bs", base_stations)):
+            if units or role == "rsu":
+                define(layer, f"/World/{UNITS[role]}", kind="group")
+            for name, pose in units:
+                prim = define(layer, f"/World/{UNITS[role]}/{name}", kind="component")
+                place(prim, np.asarray(pose, dtype=np.float64))
+                set_value(prim, "mmw:actor:role", Sdf.ValueTypeNames.Token, role)
+                set_label(prim, "static")
+                agent = AgentIdentity(role, name, name, "static")
+                write_sensors(layer, str(prim.path), agent, sensors, antennas, rate_hz)
     save_layers({path: layer})
     return path
 

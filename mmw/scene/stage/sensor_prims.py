@@ -1,16 +1,18 @@
 """Write the sensors of an agent as prims, so that a USD viewer can look through its cameras."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pxr import Gf, Sdf
 
 from mmw.config import SensorConfig
-from mmw.config.agent_keys import of_agent
+from mmw.config.agent_keys import AgentIdentity
+from mmw.config.antennas import AntennaConfig
 from mmw.config.sensor_spec import Camera, spec_of
 from mmw.core.constants import FRAME_RATE_HZ
-from mmw.core.transforms import IDENTITY_POSE, compose
+from mmw.core.transforms import compose
+from mmw.scene.mounted_antennas import antenna_pose
 from mmw.scene.stage.layer import define, place
 from mmw.scene.views import mount_pose
 from mmw.usd.prim_specs import set_value
@@ -25,27 +27,26 @@ APERTURE_MM = 20.955
 def write_sensors(
     layer: Sdf.Layer,
     agent_path: str,
-    role: str,
+    agent: AgentIdentity,
     sensors: Sequence[SensorConfig],
-    antenna_position_m: Mapping[str, Sequence[float]],
+    antennas: Sequence[AntennaConfig],
     frame_rate_hz: int = FRAME_RATE_HZ,
 ) -> None:
     """Write `Sensors` below an agent: a Camera for each camera, an Xform for everything else.
 
     Args:
         layer: The layer.
-        agent_path: The agent's prim, which has its name.
-        role: `cav` or `rsu`; sensors that the agent does not carry are left out.
+        agent_path: The agent's prim.
+        agent: Role, name, model and class; sensors that the agent does not carry are left out.
         sensors: The configured sensors.
-        antenna_position_m: Role, or name of an agent -> antenna in its frame [m]; no antenna prim for others.
+        antennas: The configured antennas.
         frame_rate_hz: Frames a second, the rate of a sensor that has none of its own.
     """
-    name = agent_path.rsplit("/", 1)[1]
     define(layer, f"{agent_path}/Sensors", "Scope")
     for sensor in sensors:
-        if not sensor.is_on(role, name):
+        if not sensor.is_on(*agent.identity):
             continue
-        pose = mount_pose(sensor, role, name)
+        pose = mount_pose(sensor, *agent.identity)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")
@@ -59,11 +60,13 @@ def write_sensors(
             sensor.with_rate(frame_rate_hz).model_dump(mode="json", exclude={"mount", "on"}), sort_keys=True
         )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
-    antenna = of_agent(antenna_position_m, role, name, None)
-    if antenna is not None:
-        prim = define(layer, f"{agent_path}/Sensors/antenna")
-        place(prim, np.concatenate([antenna, IDENTITY_POSE[3:]]))
-        set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
+    for antenna in antennas:
+        if antenna.is_on(*agent.identity):
+            prim = define(layer, f"{agent_path}/Sensors/{prim_name(antenna.name)}")
+            place(prim, antenna_pose(antenna, *agent.identity))
+            set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
+            settings = json.dumps(antenna.model_dump(mode="json", exclude={"name", "mount", "on"}), sort_keys=True)
+            set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
 
 
 def prim_name(name: str) -> str:

@@ -90,7 +90,7 @@ def make_gnss(arrays: SceneData, views: Views, config: Gnss, seed: int, scenario
     pose, velocity = np.full((len(actors), len(rows), 7), np.nan), np.full((len(actors), len(rows), 3), np.nan)
     for column, index in enumerate(actors):
         actor = arrays.actors[index]
-        poses, mount = arrays.poses[part, index], mount_pose(config, actor.role, actor.name)
+        poses, mount = arrays.poses[part, index], mount_pose(config, *actor.identity)
         sensor = compose(np.concatenate([poses[:, :3], normalize(poses[:, 3:])], axis=-1), mount)
         pose[column] = sensor[rows - part.start]
         velocity[column] = differentiate(sensor, arrays.pose_dt).velocity[rows - part.start]

@@ -1,4 +1,4 @@
-"""Compute the 3-D box of every vehicle and pedestrian in every frame."""
+"""Compute the 3-D box of every vehicle, person and drone in every frame."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, choices, split
 
-BOX_ROLES = ("cav", "vehicle", "pedestrian")
+BOX_ROLES = ("cav", "vehicle", "pedestrian", "vru", "uav")
 """Actors that have a box."""
 
 
@@ -36,7 +36,7 @@ class Boxes:
 
 
 def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
-    """Return the boxes of all vehicles and pedestrians that are present.
+    """Return the boxes of all vehicles, people and drones that are present.
 
     Raises:
         ValueError: If the scene does not cover a frame.
@@ -66,7 +66,7 @@ def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None =
 
 
 def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
-    """Return the `boxes` table: every vehicle that is present."""
+    """Return the `boxes` table: every vehicle, person and drone that is present."""
     agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
     return {
         "frame": boxes.frame.astype(np.int32),

@@ -3,13 +3,13 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
-from mmw.config.agent_keys import of_agent
+from mmw.config.antennas import AntennaConfig
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
@@ -59,22 +59,22 @@ class LineOfSight:
 def trace_sight(
     scene: DeviceScene,
     frames: Sequence[int],
-    antenna_position_m: Mapping[str, Sequence[float]],
+    antenna: AntennaConfig,
     due: np.ndarray | None = None,
 ) -> LineOfSight:
-    """Return whether each agent's antenna sees the middle of each boxed actor, and the first obstacle between them.
+    """Return whether an antenna of each agent sees the middle of each boxed actor, and the first obstacle between them.
 
     The agent's own body is passed through, so that a low roof does not hide what drives beside it.
 
     Args:
         scene: Town and vehicles, with the frames loaded.
         frames: Frames of the batch.
-        antenna_position_m: Role (`cav`, `rsu`), or name of an agent -> antenna in its frame [m].
+        antenna: The antenna; agents that do not carry it have no row.
         due: Frames that are looked at, shape of `frames`, bool; None for all of them.
     """
     arrays = scene.arrays
-    places = [of_agent(antenna_position_m, actor.role, actor.name, None) for actor in arrays.actors]
-    agents = np.array([i for i, place in enumerate(places) if place is not None], dtype=np.int32)
+    names = [actor.identity for actor in arrays.actors]
+    agents = np.array([i for i, name in enumerate(names) if antenna.is_on(*name)], dtype=np.int32)
     others = boxed_actors(arrays.actors)
     batch_index, agent, actor = (
         grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij")
@@ -84,9 +84,9 @@ def trace_sight(
     is_here &= (np.ones(len(rows), dtype=bool) if due is None else due)[:, None]
     keep = (agent != actor) & is_here[batch_index, agent] & is_here[batch_index, actor]
     batch_index, agent, actor = batch_index[keep], agent[keep], actor[keep]
-    antenna = np.array([(0.0, 0.0, 0.0) if place is None else place for place in places]).reshape(-1, 3)
+    place = np.array([antenna.mount_on(*name).position_m for name in names]).reshape(-1, 3)
     middle = np.array([a.center for a in arrays.actors]).reshape(-1, 3)
-    start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), antenna[agent])
+    start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), place[agent])
     end = transform_points(_unit(arrays.poses[rows[batch_index], actor]), middle[actor])
     instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
     instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))

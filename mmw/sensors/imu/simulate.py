@@ -86,7 +86,7 @@ def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: 
     late = np.full(shape, np.nan) if lag else true
     for column, index in enumerate(actors):
         actor = arrays.actors[index]
-        poses, mount, at = arrays.poses[part, index], mount_pose(config, actor.role, actor.name), rows - part.start
+        poses, mount, at = arrays.poses[part, index], mount_pose(config, *actor.identity), rows - part.start
         true[:, column] = np.stack(measure(poses, mount, arrays.pose_dt))[:, at]
         if lag:
             late[:, column] = np.stack(measure(poses, mount, arrays.pose_dt, lag))[:, at]

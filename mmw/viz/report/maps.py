@@ -1,4 +1,4 @@
-"""Maps of the trajectories of vehicles and the places of roadside units, over lanes and buildings."""
+"""Maps of the trajectories of agents that move and the places of those that stand, over lanes and buildings."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,9 @@ MAX_FRAMES = 200
 OTHER_FRAMES = 30
 """Frames of the trajectories of other vehicles and people that are read at most."""
 
+UNIT_NAMES = {"rsu": "roadside unit", "bs": "base station"}
+"""Role of agents that stand -> words of the legend."""
+
 MARGIN_M = 25.0
 """Border around the agents' trajectories [m]. Design value."""
 
@@ -44,14 +47,17 @@ def trajectory_map(data: Dataset, inventory: Inventory, scenario: str, plan: Tow
     if not len(poses["frame"]):
         return ""
     places = _trajectories(poses, "agent")
-    units = {str(name): places[name][-1] for name in np.unique(poses["agent"][poses["role"] == "rsu"])}
+    role_of = dict(zip(poses["agent"].tolist(), poses["role"].tolist(), strict=True))
+    units = {name: line[-1] for name, line in places.items() if role_of[name] in UNIT_NAMES}
     cavs = {name: line for name, line in places.items() if name not in units}
     figure = draw_trajectories(plan, cavs, units, _others(data, inventory, scenario, where))
     entries = [(f"s{number % SERIES_COUNT}", name) for number, name in enumerate(cavs)]
-    entries += [("unit", "roadside unit")] * bool(units) + [("line dashed", "other vehicles and people")]
+    kinds = [words for role, words in UNIT_NAMES.items() if role in role_of.values()]
+    entries += [("unit", " or ".join(kinds))] * bool(units) + [("line dashed", "other vehicles and people")]
+    moving = "connected vehicle" if {role_of[name] for name in cavs} <= {"cav"} else "agent"
     is_known = bool(plan.lanes or plan.buildings)
     note = (
-        f"Trajectories of {plural(len(cavs), 'connected vehicle')} from the dot to the arrow, {sampled(frames)}; north "
+        f"Trajectories of {plural(len(cavs), moving)} from the dot to the arrow, {sampled(frames)}; north "
         f"is up. {'Lanes and buildings from the stage.' if is_known else 'No lanes and buildings are known.'}"
     )
     picture = svg(figure, f"Trajectories of the agents of {scenario}")
@@ -65,8 +71,8 @@ def draw_trajectories(
 
     Args:
         plan: Lanes and buildings of the town.
-        cavs: Connected vehicle -> its places over time [m], shape [T, 2].
-        units: Roadside unit -> its place [m], shape [2].
+        cavs: Agent that moves -> its places over time [m], shape [T, 2].
+        units: Agent that stands -> its place [m], shape [2].
         others: Places of every other vehicle or person over time [m], shape [T, 2] each.
     """
     points = np.concatenate([*cavs.values(), *(place[None] for place in units.values())])

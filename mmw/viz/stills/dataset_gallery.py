@@ -15,6 +15,7 @@ from mmw.viz.plots.frame import sensors_of
 from mmw.viz.plots.samples import has_sample, plot_view
 from mmw.viz.stills.image_files import save_jpeg
 from mmw.viz.stills.renderer import follow_view, load_renderer, map_frame, street_camera
+from mmw.viz.stills.still import first_agent
 
 RENDERED = ("above", "close", "street")
 """Names of the pictures by the RGB camera, as JPEG files."""
@@ -66,7 +67,7 @@ def make_gallery(
     frame = config.frames_of(found).start if frame < 0 else frame
     arrays = read_frame(config, found, stored_stage(root, found), frame, weather)
     names = [actor.name for actor in arrays.actors]
-    agent = agent or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
+    agent = agent or first_agent(arrays)
     if agent not in names:
         raise InputError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)

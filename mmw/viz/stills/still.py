@@ -16,6 +16,7 @@ from mmw.generation.estimate import check_inputs
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.prepare import prepare_scenario
 from mmw.scene.reader import read_stage
+from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.viz.stills.renderer import StillRenderer, follow_view, load_renderer, street_camera
@@ -87,7 +88,7 @@ def draw_scenario(
 
     Args:
         path: Configuration file, or the name of a shipped one.
-        viewpoint: Viewpoint; the first CAV is followed if it is empty.
+        viewpoint: Viewpoint; the first CAV, else the first VRU or drone, is followed if it is empty.
         size: Values of `width_px`, `height_px` and `samples` instead of the camera's.
         scenario: Its name; the first if empty.
         frame: Frame; the first that the configuration makes if None.
@@ -117,12 +118,21 @@ def draw_scenario(
         )  # fmt: skip
         pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed, device=device)
         if not viewpoint.camera:
-            followed = viewpoint.follow or next((actor.name for actor in arrays.actors if actor.role == "cav"), "")
+            followed = viewpoint.follow or first_agent(arrays)
             image = _from_eye(pictures, frame, weather, viewpoint, followed, size)
             return image, pictures.notes
         camera, stream = resized(cameras[viewpoint.camera], size), (config.seed, found.name)
         images = camera_images(pictures, frame, [weather], camera, viewpoint.agent, stream)
         return Image.fromarray(images[weather]), pictures.notes
+
+
+def first_agent(arrays: SceneData) -> str:
+    """Return the first CAV, else the first agent that moves; empty without one."""
+    for roles in (("cav",), ("vru", "uav")):
+        for actor in arrays.actors:
+            if actor.role in roles:
+                return actor.name
+    return ""
 
 
 def camera_images(

@@ -15,7 +15,7 @@ from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
 from mmw.traffic.roads.town_asset import DRIVABLE_LABELS
-from mmw.usd.actors import find_actors
+from mmw.usd.actors import FIXED_ROLES, find_actors
 from mmw.usd.meshes import MeshReader, bound_materials, check_placed, place, to_metres
 from mmw.usd.open_stage import open_stage
 from mmw.worlds.checks.findings import Finding
@@ -109,7 +109,7 @@ def _read_parts(stage: Usd.Stage, meters: np.ndarray) -> tuple[list[StageMesh], 
     reader, problems, parts = MeshReader(stage, Usd.TimeCode(start), keeps_flat=True), [], []
     actors = {}
     try:
-        actors = {actor.path: actor for actor in find_actors(stage, {}) if actor.role != "rsu"}
+        actors = {actor.path: actor for actor in find_actors(stage, {}) if actor.role not in FIXED_ROLES}
     except InputError as error:
         problems.append(Finding("error", "actors", "", str(error)))
     moves: dict[str, bool] = {}

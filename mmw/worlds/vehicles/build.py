@@ -1,5 +1,6 @@
-"""Build the USD assets of the vehicle models and of the figures: `python -m mmw.worlds.vehicles.build`."""
+"""Build the USD assets of vehicles, figures and the drone: `python -m mmw.worlds.vehicles.build`."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.worlds.vehicles.body_loft import build_skin
+from mmw.worlds.vehicles.drone_model import DRONE_MATERIAL, NAME, PAINTS, build_drone
 from mmw.worlds.vehicles.models import BLUEPRINTS, Block, Blueprint
 from mmw.worlds.vehicles.pedestrian_models import FIGURES, build_figure
 from mmw.worlds.vehicles.primitives import Shape, box, join, pod
@@ -109,15 +111,24 @@ def build_figures(out_dir: str | Path) -> list[Path]:
     """Write the assets of all figures, one folder each below `out_dir`, and return their interface layers."""
     made = []
     for name, figure in FIGURES.items():
-        shape = build_figure(name)
-        low, high = shape.points.min(axis=0), shape.points.max(axis=0)
-        dimensions = dict(zip(("length", "width", "height"), (high - low).tolist(), strict=True))
-        center = (0.5 * (low + high)).tolist()
         own = {"<trousers>": figure.trousers, "<skin>": figure.skin, "<hair>": figure.hair}
         materials = {part: own.get(material, material) for part, material in FIGURE_MATERIAL.items()}
-        spec = AssetSpec("pedestrian", materials, figure.colors, "mmw:pedestrian:", dimensions, center)
+        spec = _spec("pedestrian", materials, figure.colors, "mmw:pedestrian:", shape := build_figure(name))
         made.append(write_asset(name, shape, spec, Path(out_dir) / name))
     return made
+
+
+def build_drones(out_dir: str | Path) -> list[Path]:
+    """Write the asset of the drone into a folder of its own below `out_dir`, and return its interface layer."""
+    spec = _spec("dynamic", DRONE_MATERIAL, PAINTS, "mmw:drone:", shape := build_drone())
+    return [write_asset(NAME, shape, spec, Path(out_dir) / NAME)]
+
+
+def _spec(label: str, materials: Mapping[str, str], paints: Sequence[str], prefix: str, shape: Shape) -> AssetSpec:
+    """Return the metadata of a body without wheels, with the box of its shape."""
+    low, high = shape.points.min(axis=0), shape.points.max(axis=0)
+    dimensions = dict(zip(("length", "width", "height"), (high - low).tolist(), strict=True))
+    return AssetSpec(label, materials, paints, prefix, dimensions, (0.5 * (low + high)).tolist())
 
 
 def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
@@ -128,4 +139,5 @@ def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.nda
 
 
 if __name__ == "__main__":
-    print(*build_vehicles(assets_dir() / "vehicles"), *build_figures(assets_dir() / "pedestrians"), sep="\n")
+    print(*build_vehicles(assets_dir() / "vehicles"), sep="\n")
+    print(*build_figures(assets_dir() / "pedestrians"), *build_drones(assets_dir() / "drones"), sep="\n")

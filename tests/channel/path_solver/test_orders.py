@@ -17,6 +17,7 @@ from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, pose_from_ypr, rotate
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.scene.scene_data import Prototype, SceneData
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import (
     ABSENT,
@@ -179,7 +180,7 @@ def street(frame_count: int = 4) -> SceneData:
 
 EVERYTHING = oracle.channel(
     candidates="launch", samples_per_tx=20_000, links=("v2i", "v2v"), max_depth=3, refraction=True, diffraction=True,
-    diffuse_reflection=True, diffuse_samples=300, antenna_position_m={"cav": (0.3, 0.2, 1.9), "rsu": (0.0, 0.0, 1.0)},
+    diffuse_reflection=True, diffuse_samples=300, antennas=antenna_at({"cav": (0.3, 0.2, 1.9), "rsu": (0.0, 0.0, 1.0)}),
 )  # fmt: skip
 
 

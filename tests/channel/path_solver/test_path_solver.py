@@ -26,6 +26,7 @@ from mmw.scene.scene import Scene
 from mmw.scene.scene_data import SceneData
 from mmw.storage.arrow_tables import sort_rows, unsorted_table
 from mmw.storage.schemas import table_spec
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_part, two_cars
 from tests.oracles.channel import driving, traffic
@@ -48,34 +49,33 @@ def lines_of_sight(scene: Scene, **options) -> mmw.Paths:
 
 
 @pytest.mark.parametrize(
-    "settings",
+    ("settings", "antenna"),
     [
-        {"links": ("v2i", "v2v"), "max_depth": 2, "samples_per_tx": 20_000},
-        {"links": ("v2i",), "candidates": "exhaustive", "diffraction": True, "max_depth": 2},
-        {"links": ("v2v",), "candidates": "exhaustive", "diffuse_reflection": True, "pattern": "tr38901"},
-        {"links": ("v2i",), "candidates": "exhaustive", "polarization": "H", "pattern": "hw_dipole"},
+        ({"links": ("v2i", "v2v"), "max_depth": 2, "samples_per_tx": 20_000}, {}),
+        ({"links": ("v2i",), "candidates": "exhaustive", "diffraction": True, "max_depth": 2}, {}),
+        ({"links": ("v2v",), "candidates": "exhaustive", "diffuse_reflection": True}, {"pattern": "tr38901"}),
+        ({"links": ("v2i",), "candidates": "exhaustive"}, {"polarization": "H", "pattern": "hw_dipole"}),
     ],
     ids=["launched", "diffracted", "diffuse", "horizontal"],
 )
-def test_rows_are_those_of_a_run_bit_for_bit(settings: dict) -> None:
+def test_rows_are_those_of_a_run_bit_for_bit(settings: dict, antenna: dict) -> None:
     weathers = {name: PRESETS[name] for name in ("sunny", "rainy")}
     data = traffic(driving(np.arange(5) * 0.01))
     data = arrays_with(data, weathers)
-    config = ChannelConfig(carriers_hz=CARRIERS, antenna_position_m={"cav": (0.2, 0.1, 2.5)}, **settings)
+    config = ChannelConfig(carriers_hz=CARRIERS, antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}, **antenna), **settings)
     frame = 2
     on_device = loaded(data, "cpu", [frame])
     links = make_links(data, [frame], config)
     found = solve_paths(on_device, links, config, data.materials, air=weathers)
     scene = Scene(data, weathers, device="cpu", frame=frame, name="s")
-    antenna = mmw.PlanarArray(pattern=config.pattern, polarization=config.polarization)
-    scene.tx_array = scene.rx_array = antenna
+    scene.tx_array = scene.rx_array = mmw.PlanarArray(**antenna)
     senders = [role for kind, role in (("v2i", "rsu"), ("v2v", "cav")) if kind in config.links]
     for actor in data.actors:
         if actor.role in senders:
-            place = config.antenna_position_m[actor.role]
+            place = config.antennas[0].mount_on(actor.role, actor.name).position_m
             scene.add(mmw.Transmitter(actor.name, place, actor=actor.name))
         if actor.role == "cav":
-            scene.add(mmw.Receiver(actor.name, config.antenna_position_m["cav"], actor=actor.name))
+            scene.add(mmw.Receiver(actor.name, (0.2, 0.1, 2.5), actor=actor.name))
     names = ("max_depth", "candidates", "samples_per_tx", "diffraction", "diffuse_reflection")
     solver = mmw.PathSolver(**{name: getattr(config, name) for name in names})
     own = solver(scene, carriers_hz=CARRIERS, weathers=["sunny", "rainy"])

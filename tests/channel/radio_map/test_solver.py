@@ -15,6 +15,7 @@ from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from mmw.physics.em.vectors import direction_angles, spherical_basis
 from mmw.physics.materials.material import RadioMaterial
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import (
     arrays_from_parts,
@@ -267,7 +268,7 @@ def test_what_cannot_be_traced_is_named() -> None:
         with pytest.raises(ValueError, match=part):
             trace(arrays, "cpu", tx, surface, **config)
     with pytest.raises(ValueError, match="role 'cav'"):
-        actor_transmitters(arrays, 0, role="cav")
-    found = actor_transmitters(arrays, 0, mount_m=(0.0, 0.0, 3.0))
+        actor_transmitters(arrays, 0, roles=("cav",))
+    found = actor_transmitters(arrays, 0, antennas=antenna_at({"rsu": (0.0, 0.0, 3.0)}))
     assert found.names == ("rsu_1",)
     np.testing.assert_allclose(found.position, [[0, 0, 3]])

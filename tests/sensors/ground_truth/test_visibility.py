@@ -8,6 +8,7 @@ from mmw.scene.views import Views
 from mmw.sensors.ground_truth.visibility import boxed_actors, trace_line_of_sight, trace_sight
 from mmw.sensors.ground_truth.visibility_rows import point_rows, sight_rows, visible_rows
 from mmw.storage.arrow_tables import table_from_columns
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.scenes import (
     ABSENT,
     arrays_from_parts,
@@ -21,7 +22,7 @@ from tests.fixtures.scenes import (
 from tests.fixtures.sensor_runs import loaded
 from tests.oracles.tracing import cast_rays
 
-ANTENNAS = {"cav": (0.0, 0.0, 2.5), "rsu": (0.0, 0.0, 4.0)}
+(ANTENNA,) = antenna_at()
 
 
 def test_lines_in_triangle_soup_equal_brute_force(device: str) -> None:
@@ -53,7 +54,7 @@ def test_a_truck_and_a_house_stand_between(device: str) -> None:
     arrays = arrays_from_parts([ground_part(80.0), house], models, actors, np.array([places]))
     names = {actor.object_id: actor.name for actor in arrays.actors}
     names |= {o.object_id: o.prim_path for o in arrays.objects if not o.actor}
-    sight = trace_sight(loaded(arrays, device), [0], ANTENNAS)
+    sight = trace_sight(loaded(arrays, device), [0], ANTENNA)
     seen = {
         (arrays.actors[a].name, arrays.actors[b].name): (bool(los), names.get(int(blocker)))
         for a, b, los, blocker in zip(sight.agent, sight.actor, sight.is_los, sight.blocker, strict=True)
@@ -76,13 +77,13 @@ def test_the_own_roof_hides_nothing(device: str) -> None:
     models = (box_model("bus", (12.0, 2.5, 3.2), (0.0, 0.0, 1.6)), box_model("car"))
     poses = np.array([[pose(0, 0), pose(0, 3.5)]])
     arrays = arrays_from_parts([ground_part()], models, [("cav_1", "cav", 0), ("car", "vehicle", 1)], poses)
-    assert trace_sight(loaded(arrays, device), [0], {"cav": (0.0, 0.0, 3.4)}).is_los.all()
+    assert trace_sight(loaded(arrays, device), [0], antenna_at({"cav": (0.0, 0.0, 3.4)}, on=("cav",))[0]).is_los.all()
 
 
 def test_rows_say_who_sees_what(device: str) -> None:
     arrays = two_cars(3)
     arrays.poses[1, 1] = ABSENT
-    sight = trace_sight(loaded(arrays, device), list(arrays.frames), ANTENNAS)
+    sight = trace_sight(loaded(arrays, device), list(arrays.frames), ANTENNA)
     fixed = {"scenario": "s", "weather": "sunny"}
     table = table_from_columns("box_visibility", {**fixed, **sight_rows(arrays, "antenna", sight)})
     # cav_1 looks at veh_001; the unit looks at both; veh_001 is away in frame 1.
@@ -107,12 +108,12 @@ def test_rows_say_who_sees_what(device: str) -> None:
 
 def test_batches_do_not_change_a_line(device: str) -> None:
     arrays = two_cars(4)
-    whole = trace_sight(loaded(arrays, device), [0, 1, 2, 3], ANTENNAS)
+    whole = trace_sight(loaded(arrays, device), [0, 1, 2, 3], ANTENNA)
     scene = DeviceScene(arrays, device, 1)
     parts = []
     for frame in range(4):
         scene.load_batch([frame])
-        parts.append(trace_sight(scene, [frame], ANTENNAS))
+        parts.append(trace_sight(scene, [frame], ANTENNA))
     for name in ("frame", "agent", "actor", "is_los", "blocker"):
         np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
 

@@ -25,6 +25,7 @@ from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.roads.town_asset import open_town
 from mmw.usd.vehicle_catalog import load_catalog
+from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.meshes import edge_distance
 from tests.fixtures.traced_depth import pixel_rays, traced_depth
@@ -126,7 +127,7 @@ def test_depth_equals_the_oracle(arrays: SceneData, scene: DeviceScene) -> None:
 def test_radio_paths_equal_brute_force(arrays: SceneData, scene: DeviceScene) -> None:
     """Every triangle mirrors the transmitter, both legs are traced in float64: the same surfaces, the same points."""
     high = {"cav": (0.0, 0.0, 5.0), "rsu": (0.0, 0.0, 14.0)}  # above the roofs of vehicles, for more reflections
-    config = ChannelConfig(candidates="exhaustive", links=("v2i", "v2v"), antenna_position_m=high)
+    config = ChannelConfig(candidates="exhaustive", links=("v2i", "v2v"), antennas=antenna_at(high))
     links = make_links(arrays, FRAMES, config)
     paths = solve_paths(scene, links, config, arrays.materials)
     reflections = 0

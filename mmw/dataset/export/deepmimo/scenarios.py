@@ -45,7 +45,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix, quaternion_to_ypr
 from mmw.dataset import Dataset
 from mmw.dataset.export.deepmimo.scene import material_list, write_actors, write_town
-from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts, require
+from mmw.dataset.export.exporter import VEHICLE_ROLES, Format, Option, Options, Part, Selection, Task, parts, require
 from mmw.dataset.export.read_radio import Antennas, read_antennas
 from mmw.dataset.export.read_sensors import Block
 from mmw.storage.manifest import DATASET
@@ -168,7 +168,7 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     planned = []
     channel = dataset.info["config"]["channel"]
     sampling = Sampling(**{key: channel[key] for key in UNSET if key in channel})
-    for part in parts(dataset, selection):
+    for part in parts(dataset, selection, roles=VEHICLE_ROLES):
         due = sampling.is_due(part.frames, dataset.frame_rate_hz(part.scenario))
         part = replace(part, frames=tuple(np.array(part.frames)[due].tolist()))
         if not part.frames:

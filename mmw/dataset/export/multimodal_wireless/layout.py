@@ -32,16 +32,14 @@ from mmw.core.file_names import check_file_name
 from mmw.core.transforms import quaternion_to_ypr, transform_points
 from mmw.dataset import Dataset
 from mmw.dataset.export.carla_frames import carla_point, carla_pose
-from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts, require
+from mmw.dataset.export.exporter import VEHICLE_ROLES, Format, Option, Options, Part, Selection, Task, parts, require
 from mmw.dataset.export.multimodal_wireless.path_files import array_pairs, write_channels
 from mmw.dataset.export.pcd import intensity_pcd
 from mmw.dataset.export.read_sensors import (
-    PEOPLE,
     Block,
     Row,
     Sensor,
     box_pose,
-    by_frame,
     gnss_position,
     pick_sensor,
     pose_of,
@@ -70,7 +68,7 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     require(dataset, "v1", "poses", "boxes", "sensors")
     array_pairs(options)
     planned = []
-    for part in parts(dataset, selection):
+    for part in parts(dataset, selection, roles=VEHICLE_ROLES):
         folder = scenario_folder(dataset, part)
         for block in Block(dataset, part.scenario, part.weather, part.frames).split():
             some = Part(part.scenario, part.weather, tuple(block.frames), part.agents)
@@ -102,7 +100,7 @@ def write_sensors(block: Block, agents: Sequence[str], folder: str, options: Opt
     poses, imu, gnss = (
         {(row["frame"], row["agent"]): row for row in block.rows(table)} for table in ("poses", "imu", "gnss")
     )
-    boxes = by_frame([row for row in block.rows("boxes") if row["category"] not in PEOPLE])
+    boxes = block.vehicles()
     (root / "scenes").mkdir(parents=True)
     for frame in block.frames:
         write_yaml(
@@ -305,7 +303,7 @@ FORMAT = Format(
         "LiDAR intensity has 8 bits; ring, object, label, time and number of a return are dropped",
         "depth=log8 has 255 logarithmic steps, 3.4 m to 1000 m; images that were JPEG are no sharper as PNG",
         "radar has no power, object or label; radars and depth cameras of CAVs are omitted",
-        "people are omitted; bp_id is the dataset's category, and colors are unknown",
+        "people, drones and base stations are omitted; bp_id is the dataset's category, and colors are unknown",
         "predicted_ego_pos is the GNSS fix with the measured heading: no filter ran",
         "segmentation, normals, flow, 2-D boxes, visibility and the weather's losses are omitted",
     ),

@@ -25,7 +25,7 @@ from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, PlanarArray, a
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import Dataset
-from mmw.dataset.export.exporter import Options, Part
+from mmw.dataset.export.exporter import VEHICLE_ROLES, Options, Part
 from mmw.dataset.export.read_radio import Antennas, read_antennas
 from mmw.dataset.export.read_sensors import Block
 
@@ -78,13 +78,14 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
     block = Block(dataset, part.scenario, part.weather, part.frames)
     rows, links = block.table("paths", PATH_COLUMNS), block.table("links", LINK_COLUMNS)
     pairs = array_pairs(options)
-    rsus = {agent for (_, agent), role in zip(antennas.row, antennas.role, strict=True) if role == "rsu"}
+    roles = {agent: role for (_, agent), role in zip(antennas.row, antennas.role, strict=True)}
+    rsus = {agent for agent, role in roles.items() if role == "rsu"}
     for carrier in np.unique(links["carrier_hz"].to_numpy()):
         paths = CarrierPaths.from_table(rows, float(carrier), links)
         for number in range(paths.link_count):
             link = paths.take([number])
             frame, agent, peer = (link.keys[0][name] for name in ("frame", "agent", "peer"))
-            if agent not in part.agents:
+            if agent not in part.agents or roles[peer] not in VEHICLE_ROLES:
                 continue
             # The published scenarios have one roadside unit, which their folders do not name.
             link_folder = agent if peer == min(rsus, default="") else f"{peer}/{agent}"

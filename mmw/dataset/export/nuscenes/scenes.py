@@ -39,6 +39,7 @@ from mmw.dataset.export.write_files import write_file
 LOSSES = (
     "no radio, radar points, depth, IMU, GNSS, segmentation, normals, flow and 2-D boxes",
     "no map: the masks are black and small; draw with underlay_map=False",
+    "VRUs, drones and base stations without a LiDAR have no scene",
     "one agent a scene: what agents see of each other joins by mmw_object_id and mmw_frame alone",
     "samples at `rate`, 2 Hz by default, sweeps at `sweeps`, 10 Hz by default, not 100 Hz",
     "object, label, time and number of a LiDAR return are dropped; one LiDAR an agent",
@@ -65,9 +66,11 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
         InputError: If a table or a LiDAR is missing, or nothing is left.
     """
     require(dataset, "nuscenes", "lidar", "boxes", "box_visibility", "sensors")
-    key_parts = parts(dataset, selection, frame_steps(dataset, "nuscenes", "rate", options))
+    key_parts = parts(dataset, selection, frame_steps(dataset, "nuscenes", "rate", options), carrying=("lidar",))
     sweeps = frame_steps(dataset, "nuscenes", "sweeps", options)
-    between = {(part.scenario, part.weather): part.frames for part in parts(dataset, selection, sweeps)}
+    between = {
+        (part.scenario, part.weather): part.frames for part in parts(dataset, selection, sweeps, carrying=("lidar",))
+    }
     scenes, tasks = [], []
     for number, part in enumerate(key_parts):
         sensors = sensors_of(dataset, part.scenario)
