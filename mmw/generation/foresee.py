@@ -36,7 +36,7 @@ EXTENT: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class ScenarioLoad:
-    """What is known of a scenario before it is traced."""
+    """Hold the counts of a scenario that are known before it is traced."""
 
     scenario: ScenarioConfig
     samples: Mapping[str, float]

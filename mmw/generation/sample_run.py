@@ -41,7 +41,7 @@ CHANNEL, CHANNEL_TABLES = "channel", ("links", "paths")
 """Name of the radio channel beside those of sensors, which may not have it, and its tables."""
 
 FRAMES, STATIC = "", "/"
-"""What rows come from that neither a sensor nor the channel makes: every frame, or the scenario as a whole."""
+"""Origin of rows that neither a sensor nor the channel makes: every frame, or the scenario as a whole."""
 
 Traced = dict[tuple[str, str], dict[int, pa.Table]]
 """Weather and table -> rows of each traced frame."""
