@@ -32,7 +32,7 @@ from mmw.storage.shard_writer import ShardKey, write_scenario, write_shard
 WEATHERS = ("sunny", "rainy", "foggy")
 FRAMES = 100
 """Frames of a shard."""
-TABLES = ("frames", "poses", "lidar", "links", "paths")
+TABLES = ("frames", "poses", "lidar", "links", "path_gains", "path_geometry")
 SCENARIO = "repeated"
 
 Key = tuple[str, int, str]
@@ -69,10 +69,16 @@ def repeat(source: Dataset, out: Path, shards: int) -> None:
     first = source.read("frames", columns=["scenario", "weather"]).slice(0, 1).to_pylist()[0]
     write_scenario(out, SCENARIO, {"sensors": _renamed("sensors", source.read("sensors", scenario=first["scenario"]))},
                    {"config_sha256": sha256})  # fmt: skip
-    tables = {name: _hundred(source.read(name, **first)) for name in TABLES}
+    scenario = {"scenario": first["scenario"]}
+    where = {name: first if table_spec(name).by_weather else scenario for name in TABLES}
+    tables = {name: _hundred(source.read(name, **where[name])) for name in TABLES}
     for weather in WEATHERS:
         for begin in range(0, each * FRAMES, FRAMES):
-            ready = {name: _renamed(name, table, weather, begin) for name, table in tables.items()}
+            ready = {
+                name: _renamed(name, table, weather, begin)
+                for name, table in tables.items()
+                if weather == WEATHERS[0] or table_spec(name).by_weather
+            }
             key = ShardKey(SCENARIO, weather, begin, begin + FRAMES)
             write_shard(out, key, ready, {"config_sha256": sha256})
             print(f"\r{out}: {weather}, frame {begin}", end="", file=sys.stderr, flush=True)
@@ -92,7 +98,7 @@ def _hundred(table: pa.Table) -> pa.Table:
 
 def _renamed(name: str, table: pa.Table, weather: str = "", begin: int = 0) -> pa.Table:
     """Return a table with the bench's scenario, and with another weather and later frames if it has them."""
-    values = {"scenario": SCENARIO, **({"weather": weather} if table_spec(name).framed else {})}
+    values = {"scenario": SCENARIO, **({"weather": weather} if table_spec(name).of_weather else {})}
     schema, columns = arrow_schema(name), []
     for field in schema:
         column = table[field.name].combine_chunks()

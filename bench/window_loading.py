@@ -28,6 +28,7 @@ from mmw.dataset.windows import Feature, Windows, WindowSpec, open_windows
 from mmw.dataset.windows.file_sources import FileSource
 from mmw.dataset.windows.windows import CACHE_BYTES
 from mmw.storage.manifest import finalize, prepare_root
+from mmw.storage.schemas import table_spec
 from mmw.storage.shard_writer import ShardKey, write_scenario, write_shard
 from mmw.torch import WindowDataset, WindowStream, collate
 
@@ -37,7 +38,7 @@ IMAGE_FRAMES = 10
 """Frames from one image to the next."""
 RANDOM_BYTES = 10_000_000
 """Size of the cache in random order: next to nothing is shared, as in a dataset that is larger than memory."""
-TABLES = ("poses", "links", "paths", "lidar", "rgb")
+TABLES = ("poses", "links", "path_gains", "path_geometry", "lidar", "rgb")
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ def stretch(source: Dataset, root: Path, frames: int) -> Path:
     """Write a dataset that repeats the frames of another one, and return its folder."""
     first = source.read("poses", columns=["scenario", "weather"])
     scenario, weather = (first.column(name)[0].as_py() for name in ("scenario", "weather"))
-    rows = {name: source.read(name, scenario=scenario, weather=weather) for name in TABLES}
+    weathers = {name: weather if table_spec(name).by_weather else None for name in TABLES}
+    rows = {name: source.read(name, scenario=scenario, weather=weathers[name]) for name in TABLES}
     meta = {"config_sha256": source.info["config_sha256"]}
     prepare_root(root, source.info["config"], meta["config_sha256"], {}, False)
     write_scenario(root, scenario, {"sensors": source.read("sensors", scenario=scenario)}, meta)

@@ -1,4 +1,4 @@
-"""Read paths of any number of links at one carrier from rows of the tables `paths` and `links`, as flat arrays."""
+"""Read paths of any number of links at one carrier from rows of the view `paths` and table `links`, as flat arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,20 +13,20 @@ from mmw.channel.links import Links
 from mmw.channel.paths import PATH_LOS, PathSet
 from mmw.core.errors import InputError
 
-LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "carrier_hz")
-"""Columns that name a link at a carrier, in both tables."""
+LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "antenna", "peer_antenna", "carrier_hz")
+"""Columns that name a link, and its carrier, in both tables."""
 PATH_COLUMNS = (
     *LINK_COLUMNS, "order", "tau_s", "a_re", "a_im", "t_tt_re", "t_tt_im", "t_tp_re", "t_tp_im", "t_pt_re", "t_pt_im",
     "t_pp_re", "t_pp_im", "aod_az", "aod_ze", "aoa_az", "aoa_ze", "doppler_hz",
 )  # fmt: skip
-"""Columns of table `paths` that `CarrierPaths.from_table` needs."""
+"""Columns of the view `paths` that `CarrierPaths.from_table` needs."""
 KEY_TYPE = np.dtype([(name, np.int64 if name == "frame" else object) for name in LINK_COLUMNS[:-1]])
 """Type of `CarrierPaths.keys`."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathSamples:
-    """Samples of paths at one carrier, each from a row of table `paths`. World frame, seconds, radians, e^{+jwt}."""
+    """Samples of paths at one carrier, each from a row of the view `paths`. World frame, seconds, radians, e^{+jwt}."""
 
     carrier_hz: float
     """Carrier frequency of every path [Hz]."""
@@ -72,13 +72,13 @@ class CarrierPaths(PathSamples):
         >>> paths = mmw.open_dataset("out/quickstart").paths(28e9, weather="sunny", frames=range(0, 1))
         >>> paths.link_count, paths.path_count.tolist()
         (3, [2, 1, 4])
-        >>> paths.keys[0].tolist()  # scenario, weather, frame, receiver, transmitter
-        ('town03_roundabout', 'sunny', 0, 'cav_1', 'rsu_1')
+        >>> paths.keys[0].tolist()  # scenario, weather, frame, receiver, transmitter, the antenna of each
+        ('town03_roundabout', 'sunny', 0, 'cav_1', 'rsu_1', 'antenna', 'antenna')
     """
 
     keys: np.ndarray
-    """Name of each link: scenario, weather, frame, agent (the receiver) and peer (the transmitter), a structured array
-    of `KEY_TYPE`, shape [L]."""
+    """Name of each link: scenario, weather, frame, agent (the receiver), peer (the transmitter) and the antennas of
+    both, a structured array of `KEY_TYPE`, shape [L]."""
     link: np.ndarray
     """Link of each path, 0 to L - 1, growing, shape [P], int64."""
 
@@ -128,10 +128,10 @@ class CarrierPaths(PathSamples):
 
     @classmethod
     def from_table(cls, table: Any, carrier_hz: float | None = None, links: Any = None) -> "CarrierPaths":
-        """Return the paths of rows of table `paths`, grouped by link.
+        """Return the paths of rows of the view `paths`, grouped by link.
 
         Args:
-            table: Rows of table `paths` in any order, with at least `PATH_COLUMNS`: a pyarrow Table, a pandas
+            table: Rows of the view `paths` in any order, with at least `PATH_COLUMNS`: a pyarrow Table, a pandas
                 DataFrame, or a mapping of column names to arrays.
             carrier_hz: Carrier [Hz]; None selects the only one there is.
             links: Rows of table `links` (at least `LINK_COLUMNS`), of any of those kinds. Links are then in the order
@@ -204,6 +204,7 @@ def rows_from_paths(
     carrier_hz: float,
     actors: Sequence[str] | None = None,
     scenario: str = "",
+    antennas: Sequence[str] | None = None,
 ) -> CarrierPaths:
     """Return paths in memory, of one weather and carrier, as the same arrays that rows of a dataset give.
 
@@ -214,6 +215,7 @@ def rows_from_paths(
         carrier_hz: Carrier of the gains [Hz].
         actors: Name of each actor, for `agent` and `peer`; None uses actor indices as text.
         scenario: Name of the scenario.
+        antennas: Name of each antenna, for `antenna` and `peer_antenna`; None uses antenna indices as text.
 
     Raises:
         InputError: If weather or carrier are not there.
@@ -228,6 +230,8 @@ def rows_from_paths(
     keys["scenario"], keys["weather"], keys["frame"] = scenario, weather, links.frame
     for name, actor in (("agent", links.rx_actor), ("peer", links.tx_actor)):
         keys[name] = [str(index) if actors is None else actors[index] for index in actor]
+    for name, antenna in (("antenna", links.rx_antenna), ("peer_antenna", links.tx_antenna)):
+        keys[name] = [str(index) if antennas is None else antennas[index] for index in antenna]
     return CarrierPaths(
         carrier_hz=float(carrier_hz),
         keys=keys,

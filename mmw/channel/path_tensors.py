@@ -65,6 +65,7 @@ def carrier_paths(paths: "Paths", column: int) -> tuple[CarrierPaths, np.ndarray
     count = rx_count * rx_elements * tx_count * tx_elements
     keys = np.empty(count, dtype=KEY_TYPE)
     keys["scenario"], keys["weather"], keys["frame"] = paths.scenario, paths.weather, paths.frame
+    keys["antenna"] = keys["peer_antenna"] = "antenna"
     if count:
         keys["agent"] = np.repeat(np.array(paths.rx_names, dtype=object), count // rx_count)
         peers = np.repeat(np.array(paths.tx_names, dtype=object), tx_elements)

@@ -10,7 +10,6 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from mmw.channel.links import Links
@@ -21,7 +20,6 @@ from mmw.channel.path_table import (
     SAMPLE_COLUMNS,
     CarrierPaths,
     PathSamples,
-    encode_key,
     read_column,
     rows_from_paths,
 )
@@ -34,7 +32,10 @@ Edges = Literal["hold", "fade", "drop"]
 """Treatment of a track between its last frame and the next one, and before its first; see `PathTracks.at`."""
 
 TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
-"""Columns of table `paths` that `tracks_from_table` needs."""
+"""Columns of the view `paths` that `tracks_from_table` needs."""
+
+LINK_NAMES = ("agent", "peer", "antenna", "peer_antenna")
+"""Fields of `PathTracks` that together name a link."""
 
 TIME_DECIMALS = 8
 """Times are rounded to this many decimals of a frame (0.1 ns), so that n / rate in floating point is frame n."""
@@ -55,7 +56,11 @@ class PathTracks(PathSamples):
     agent: np.ndarray
     """Receiver of each link, shape [L]."""
     peer: np.ndarray
-    """Transmitter of each link, shape [L]; links are sorted by (agent, peer)."""
+    """Transmitter of each link, shape [L]; links are sorted by agent, peer, antenna and peer_antenna."""
+    antenna: np.ndarray
+    """Antenna of the receiver of each link, shape [L]."""
+    peer_antenna: np.ndarray
+    """Antenna of the transmitter of each link, shape [L]."""
     frames: np.ndarray
     """Frames that were recorded, growing, shape [F], int64."""
     link: np.ndarray
@@ -232,7 +237,8 @@ class PathTracks(PathSamples):
     def _keys(self, frame: np.ndarray) -> np.ndarray:
         keys = np.empty((len(frame), self.link_count), dtype=KEY_TYPE)
         keys["scenario"], keys["weather"], keys["frame"] = self.scenario, self.weather, frame[:, None]
-        keys["agent"], keys["peer"] = self.agent, self.peer
+        for name in LINK_NAMES:
+            keys[name] = getattr(self, name)
         return keys.reshape(-1)
 
     def _values(self, sample: np.ndarray, beyond: np.ndarray, both: np.ndarray, edges: Edges) -> dict[str, np.ndarray]:
@@ -265,7 +271,7 @@ class PathTracks(PathSamples):
 def tracks_from_table(
     table: Any, carrier_hz: float | None = None, links: Any = None, *, rate_hz: int = FRAME_RATE_HZ, step: int = 1
 ) -> PathTracks:
-    """Return the tracks of rows of table `paths` of one scenario and weather.
+    """Return the tracks of rows of the view `paths` of one scenario and weather.
 
     Args:
         table: Rows in any order with at least `TRACK_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
@@ -310,7 +316,8 @@ def tracks_from_rows(
     """Return the tracks of paths of one scenario and weather.
 
     Args:
-        paths: Paths of links, a link for each (frame, agent, peer). Frames without links are taken as not recorded.
+        paths: Paths of links, a link for each frame, agent, peer and their antennas. Frames without links are taken
+            as not recorded.
         path_id: What each path is in every frame, shape [P], int64.
         rate_hz: Frames a second.
         step: Frames from one sample of the channel to the next.
@@ -325,30 +332,29 @@ def tracks_from_rows(
             f"tracks: {listed or 'no links'}; tracks need one scenario and weather; select the rows of one"
         )
     ((scenario, weather),) = names
-    (agent_code, agents), (peer_code, peers) = (encode_key(n, [pa.array(paths.keys[n])]) for n in ("agent", "peer"))
-    pair, pair_of = np.unique(agent_code * len(peers) + peer_code, return_inverse=True)
-    agent, peer = agents[pair // len(peers)], peers[pair % len(peers)]
-    by_name = np.lexsort((peer, agent))
-    number = np.empty(len(pair), dtype=np.int64)
-    number[by_name] = np.arange(len(pair))
-    link, frame = number[pair_of][paths.link], paths.keys["frame"][paths.link]
+    ends = sorted(set(zip(*(paths.keys[name] for name in LINK_NAMES), strict=True)))
+    number = {names: index for index, names in enumerate(ends)}
+    link_of = np.array([number[names] for names in zip(*(paths.keys[n] for n in LINK_NAMES), strict=True)], np.int64)
+    link, frame = link_of[paths.link], paths.keys["frame"][paths.link]
     order = np.lexsort((frame, path_id, link))
     link, path_id, frame = link[order], path_id[order], frame[order]
     is_same, gap = (np.diff(link) == 0) & (np.diff(path_id) == 0), np.diff(frame)
     twice = np.flatnonzero(is_same & (gap == 0))
     if len(twice):
-        k = by_name[link[twice[0]]]
+        agent, peer, *_ = ends[link[twice[0]]]
         raise InputError(
-            f"tracks: {len(twice)} paths are twice in a frame of a link, the first {path_id[twice[0]]} from {peer[k]} "
-            f"to {agent[k]} in frame {frame[twice[0]]}; give each row once, and one path_id a path"
+            f"tracks: {len(twice)} paths are twice in a frame of a link, the first {path_id[twice[0]]} from {peer} "
+            f"to {agent} in frame {frame[twice[0]]}; give each row once, and one path_id a path"
         )
     first = np.flatnonzero(np.concatenate([np.ones(min(len(frame), 1), dtype=bool), ~is_same | (gap != step)]))
     return PathTracks(
         carrier_hz=paths.carrier_hz,
         scenario=scenario,
         weather=weather,
-        agent=agent[by_name],
-        peer=peer[by_name],
+        **{
+            name: np.array(column, dtype=object)
+            for name, column in zip(LINK_NAMES, zip(*ends, strict=True), strict=True)
+        },
         frames=np.unique(paths.keys["frame"]),
         link=link[first],
         path_id=path_id[first],

@@ -1,4 +1,4 @@
-"""Make the rows of the tables of the radio channel."""
+"""Make the rows of the tables of the radio channel; `path_view` joins those of paths."""
 
 from collections.abc import Sequence
 
@@ -10,10 +10,13 @@ from mmw.channel.paths import PATH_KINDS, PATH_LOS, PathSet
 from mmw.scene.table_rows import Columns, choices
 
 
-def link_rows(agents: Sequence[str], kinds: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
+def link_rows(
+    agents: Sequence[str], antennas: Sequence[str], kinds: Sequence[str], links: Links, paths: PathSet, weather: str
+) -> Columns:
     """Return the `links` table: every link at every carrier, also those without a path.
 
-    `agents` has the names that `tx_actor` and `rx_actor` of the links count, `kinds` those of `kind`.
+    `agents` has the names that `tx_actor` and `rx_actor` of the links count, `antennas` those that `tx_antenna` and
+    `rx_antenna` count, `kinds` those of `kind`.
     """
     count, carriers = len(links), len(paths.carriers_hz)
     is_los = np.zeros(count, dtype=bool)
@@ -44,10 +47,8 @@ def link_rows(agents: Sequence[str], kinds: Sequence[str], links: Links, paths: 
         return pa.array(values[link, carrier], mask=~has[link, carrier])
 
     return {
-        "frame": links.frame[link],
-        "agent": choices(agents, links.rx_actor[link]),
-        "peer": choices(agents, links.tx_actor[link]),
-        "carrier_hz": paths.carriers_hz[carrier],
+        **_ends(agents, antennas, links, link),
+        **_carriers(paths, carrier),
         "link": choices(kinds, links.kind[link]),
         "path_count": paths.count[link],
         "is_los": is_los[link],
@@ -58,20 +59,43 @@ def link_rows(agents: Sequence[str], kinds: Sequence[str], links: Links, paths: 
     }
 
 
-def path_rows(agents: Sequence[str], links: Links, paths: PathSet, weather: str) -> Columns:
-    """Return the `paths` table: every path at every carrier; `agents` as for `link_rows`."""
-    count, carriers = len(paths), len(paths.carriers_hz)
-    path, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)
-    link = paths.link[path]
-    a, transfer = paths.a[weather][path, carrier], paths.transfer[weather][path, carrier]
-    is_there = paths.interaction[path] != 0
+def path_geometry_rows(agents: Sequence[str], antennas: Sequence[str], links: Links, paths: PathSet) -> Columns:
+    """Return the `path_geometry` table: every path once; `agents` and `antennas` as for `link_rows`."""
+    is_there = paths.interaction != 0
     offsets = np.concatenate([[0], np.cumsum(is_there.sum(axis=1))]).astype(np.int32)
 
     def lists(values: np.ndarray, width: int = 1) -> pa.Array:
-        flat = pa.array(np.ascontiguousarray(values[path][is_there]).reshape(-1))
+        flat = pa.array(np.ascontiguousarray(values[is_there]).reshape(-1))
         ends = pa.array(offsets * np.int32(width))
         return pa.ListArray.from_arrays(ends, flat, type=pa.list_(pa.field("element", flat.type, nullable=False)))
 
+    return {
+        **_ends(agents, antennas, links, paths.link),
+        "path": paths.index,
+        "path_id": paths.path_id,
+        "kind": choices(PATH_KINDS, paths.kind),
+        "order": paths.order,
+        "tau_s": paths.tau,
+        "aod_az": paths.phi_t,
+        "aod_ze": paths.theta_t,
+        "aoa_az": paths.phi_r,
+        "aoa_ze": paths.theta_r,
+        "range_rate": paths.range_rate,
+        "interactions": lists(paths.interaction),
+        "vertices": lists(paths.vertex, 3),
+        "objects": lists(paths.object_id),
+        "materials": lists(paths.material_id),
+        "surfaces": lists(paths.surface),
+    }
+
+
+def path_gain_rows(
+    agents: Sequence[str], antennas: Sequence[str], links: Links, paths: PathSet, weather: str
+) -> Columns:
+    """Return the `path_gains` table: every path at every carrier; `agents` and `antennas` as for `link_rows`."""
+    count, carriers = len(paths), len(paths.carriers_hz)
+    path, carrier = np.repeat(np.arange(count), carriers), np.tile(np.arange(carriers), count)
+    a, transfer = paths.a[weather][path, carrier], paths.transfer[weather][path, carrier]
     matrix = {
         f"t_{to}{of}_{part}": np.ascontiguousarray(getattr(transfer[:, row, column], word))
         for row, to in enumerate("tp")
@@ -79,27 +103,27 @@ def path_rows(agents: Sequence[str], links: Links, paths: PathSet, weather: str)
         for part, word in (("re", "real"), ("im", "imag"))
     }
     return {
-        "frame": links.frame[link],
-        "agent": choices(agents, links.rx_actor[link]),
-        "peer": choices(agents, links.tx_actor[link]),
-        "carrier_hz": paths.carriers_hz[carrier],
+        **_ends(agents, antennas, links, paths.link[path]),
+        **_carriers(paths, carrier),
         "path": paths.index[path],
-        "path_id": paths.path_id[path],
-        "kind": choices(PATH_KINDS, paths.kind[path]),
-        "order": paths.order[path],
-        "tau_s": paths.tau[path],
         "a_re": np.ascontiguousarray(a.real),
         "a_im": np.ascontiguousarray(a.imag),
         **matrix,
-        "aod_az": paths.phi_t[path],
-        "aod_ze": paths.theta_t[path],
-        "aoa_az": paths.phi_r[path],
-        "aoa_ze": paths.theta_r[path],
-        "doppler_hz": paths.doppler_hz[path, carrier],
         **{name: values[path, carrier].astype(np.float32) for name, values in paths.loss_db[weather].items()},
-        "interactions": lists(paths.interaction),
-        "vertices": lists(paths.vertex, 3),
-        "objects": lists(paths.object_id),
-        "materials": lists(paths.material_id),
-        "surfaces": lists(paths.surface),
     }
+
+
+def _ends(agents: Sequence[str], antennas: Sequence[str], links: Links, link: np.ndarray) -> Columns:
+    """Return the columns that name links."""
+    return {
+        "frame": links.frame[link],
+        "agent": choices(agents, links.rx_actor[link]),
+        "peer": choices(agents, links.tx_actor[link]),
+        "antenna": choices(antennas, links.rx_antenna[link]),
+        "peer_antenna": choices(antennas, links.tx_antenna[link]),
+    }
+
+
+def _carriers(paths: PathSet, carrier: np.ndarray) -> Columns:
+    """Return the columns that name carriers."""
+    return {"carrier": carrier.astype(np.int8), "carrier_hz": paths.carriers_hz[carrier]}

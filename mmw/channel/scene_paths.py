@@ -16,13 +16,13 @@ from mmw.channel import path_tensors as tensors
 from mmw.channel.links import Links
 from mmw.channel.path_arrays import PATH_FIELDS, PathArrays
 from mmw.channel.path_table import CarrierPaths
+from mmw.channel.path_view import join_paths
 from mmw.channel.paths import LOSSES, PATH_KINDS, PathSet
-from mmw.channel.rows import path_rows
+from mmw.channel.rows import path_gain_rows, path_geometry_rows
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.core.registry import load_reference
-from mmw.storage.arrow_tables import sort_rows, unsorted_table
-from mmw.storage.schemas import table_spec
+from mmw.storage.arrow_tables import table_from_columns
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -303,7 +303,7 @@ class Paths(PathArrays):
     # --- output -------------------------------------------------------------------------------------------------------
 
     def to_table(self) -> pa.Table:
-        """Return the rows of table `paths` that a dataset has of these paths: one a path and carrier, sorted by key.
+        """Return the rows of the view `paths` that a dataset has of these paths: one a path and carrier, sorted by key.
 
         Raises:
             InputError: If paths lead between single elements.
@@ -328,9 +328,10 @@ class Paths(PathArrays):
             tx=self.transmitters.state.take(tx),
             rx=self.receivers.state.take(rx),
         )
-        columns = path_rows((*self.rx_names, *self.tx_names), links, own._path_set(link[order]), self.weather)
-        key = {"scenario": self.scenario, "weather": self.weather}
-        return sort_rows(table_spec("paths"), unsorted_table("paths", {**key, **columns}))
+        named, found = ((*self.rx_names, *self.tx_names), ("antenna",), links), own._path_set(link[order])
+        gains = {"scenario": self.scenario, "weather": self.weather, **path_gain_rows(*named, found, self.weather)}
+        geometry = {"scenario": self.scenario, **path_geometry_rows(*named, found)}
+        return join_paths(table_from_columns("path_gains", gains), table_from_columns("path_geometry", geometry))
 
     def to_pandas(self) -> "pd.DataFrame":
         """Return a table of the paths in their order, one row a path and carrier, with the numbers that people read.

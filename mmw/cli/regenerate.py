@@ -30,7 +30,7 @@ def main(argv: Sequence[str], prog: str = "mmw regenerate") -> int:
     parser.add_argument("table", help="table, such as lidar or rgb")
     parser.add_argument("dataset", help="dataset folder, or s3://bucket/folder")
     parser.add_argument(
-        "key", nargs="*", metavar="key=value", help="scenario, weather, frame, agent, sensor, peer, carrier_hz, ..."
+        "key", nargs="*", metavar="key=value", help="scenario, weather, frame, agent, sensor, peer, carrier, ..."
     )
     parser.add_argument(
         "--out",
@@ -58,9 +58,11 @@ def _regenerate(arguments: argparse.Namespace) -> int:
             ("scenario", [scenario.name for scenario in regenerator.config.scenarios]),
             ("weather", list(regenerator.config.weathers)),
         ):
-            if name not in key and len(names) == 1:
+            if name in key or name not in spec.full_key:
+                continue
+            if len(names) == 1:
                 key[name] = names[0]
-            elif name not in key and (name == "scenario" or spec.framed):
+            else:
                 raise InputError(f"{name} is missing: the dataset has {', '.join(names)}; add {name}=NAME")
         made = regenerator.rows(arguments.table, **key)
     if arguments.compare:
@@ -91,7 +93,7 @@ def parse_key(table: str, items: Sequence[str]) -> dict[str, Any]:
 
     spec = table_spec(table)
     types = {column.name: column.type for column in spec.columns}
-    known = list(dict.fromkeys(["scenario", "weather", *spec.key]))
+    known = spec.full_key
     found: dict[str, Any] = {}
     for item in items:
         name, sign, text = item.partition("=")

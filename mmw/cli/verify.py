@@ -107,7 +107,7 @@ def check(root: Root, frames_each: int, workers: int = 1) -> list[Finding]:
     if any(finding.path == "dataset.json" for finding in findings):
         return findings  # of another schema: nothing else can be judged
     if config is not None and rows is not None:
-        problems = [*rows.findings, *rows.check_static(), *check_plan(store, config)]
+        problems = [*rows.findings, *rows.check_static(), *rows.check_path_counts(), *check_plan(store, config)]
     known = {(finding.kind, finding.path) for finding in findings}
     findings += [finding for finding in problems if (finding.kind, finding.path) not in known]
     if config is not None and not any(finding.is_error for finding in findings):

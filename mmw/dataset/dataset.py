@@ -16,13 +16,13 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.dataset.column_arrays import arrays_of
-from mmw.dataset.files import Parts, damage_of, framed_parts, has_files, list_files, list_folders, list_markers
+from mmw.dataset.files import Markers, Parts, damage_of, framed_parts, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
-from mmw.dataset.table_reader import check_columns, row_filter
+from mmw.dataset.table_reader import check_columns, read_view, row_filter
 from mmw.storage.manifest import DATASET, frame_rates, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem, version_number
-from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
+from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec, views, views_of
 from mmw.storage.shard_writer import MARKERS
 from mmw.storage.table_spec import TableSpec
 
@@ -84,6 +84,11 @@ class Dataset:
         return (*known, *self._plugin_specs)
 
     @property
+    def views(self) -> tuple[str, ...]:
+        """Names of the views, which `read` and `connect` join from tables: `paths`, if there is a channel."""
+        return views_of(self.tables)
+
+    @property
     def content(self) -> str:
         """Words for messages: the tables, or why there are none."""
         if self.tables:
@@ -91,7 +96,7 @@ class Dataset:
         return f"holds no table: {MARKERS} marks no shard as complete; run mmw.run, or copy that folder too"
 
     @cached_property
-    def _markers(self) -> frozenset[str]:
+    def _markers(self) -> Markers:
         return list_markers(self.root, self.filesystem)
 
     @cached_property
@@ -99,7 +104,11 @@ class Dataset:
         """Tables of sensor packages that are not installed, as their files describe them."""
         found = {}
         for name in list_folders(self.root, self.filesystem):
-            if name not in TABLES and has_files(self.root, name, self.filesystem, self._markers):
+            if (
+                name not in TABLES
+                and name not in views()
+                and has_files(self.root, name, self.filesystem, self._markers)
+            ):
                 spec = spec_of_file(name, self.check_files(name)[0], self.filesystem)
                 if spec is not None:
                     found[name] = spec
@@ -152,10 +161,10 @@ class Dataset:
         agent: str | None = None,
         sensor: str | None = None,
     ) -> pa.Table:
-        """Return the rows of a table, sorted by scenario, weather, frame and the rest of the table's key.
+        """Return the rows of a table or view, sorted by scenario, weather, frame and the rest of its key.
 
         Args:
-            table: Table name.
+            table: Name of a table or view.
             columns: Columns to read; None reads all.
             scenario: Only this scenario.
             weather: Only this weather.
@@ -173,10 +182,16 @@ class Dataset:
             >>> rows.num_rows, rows.column_names
             (2, ['x', 'y'])
         """
+        if table in self.views:
+            return read_view(
+                self, views()[table], columns=columns, scenario=scenario, weather=weather, frames=frames, agent=agent,
+                sensor=sensor,
+            )  # fmt: skip
         given = {"scenario": scenario, "weather": weather, "agent": agent, "sensor": sensor}
         given = {name: value for name, value in given.items() if value is not None}
+        wanted = [*(columns or ()), *given, *([] if frames is None else ["frame"])]
         # Those of the files, by the first; reading all of them is slow.
-        check_columns(self.root, table, self.arrow(table).schema.names, [*(columns or ()), *given])
+        check_columns(self.root, table, self.arrow(table).schema.names, wanted)
         expression = row_filter(given, frames)
         part = self._files(table, scenario, weather, frames)
         try:
@@ -224,7 +239,7 @@ class Dataset:
         wanted = []
         first, last = min(frames, default=0), max(frames, default=-1)
         for (of_scenario, of_weather), some in self._parts[name].items():
-            if scenario in (None, of_scenario) and weather in (None, of_weather):
+            if scenario in (None, of_scenario) and (weather is None or of_weather in (None, weather)):
                 ends = [begin for begin, _ in some[1:]] + [last + 1]
                 wanted += [part for (begin, part), end in zip(some, ends, strict=True) if begin <= last and first < end]
         return pds.FileSystemDataset(wanted, table.schema, table.format, table.filesystem)
@@ -309,7 +324,7 @@ class Dataset:
         return CarrierPaths.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
 
     def connect(self, search: "BeamSearch | None" = None) -> "duckdb.DuckDBPyConnection":
-        """Return a DuckDB connection with one view a table and the views and functions of `docs/guides/query.md`.
+        """Return a DuckDB connection with one view a table, and the views and functions of `docs/guides/query.md`.
 
         Args:
             search: Arrays, codebooks and band of the function `best_beam`; the paper's by default.

@@ -4,6 +4,8 @@ import os
 import re
 import stat
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path, PurePath
 from urllib.parse import unquote
 
@@ -15,6 +17,7 @@ import pyarrow.parquet as pq
 from mmw.core.errors import InputError
 from mmw.storage.finding import one_line
 from mmw.storage.schema_checks import schema_problem
+from mmw.storage.schemas import TABLES
 from mmw.storage.shard_writer import MARKERS, TABLE_FILE
 from mmw.storage.table_spec import TableSpec
 
@@ -24,28 +27,49 @@ NO_TABLES = ("stages", "assets")
 """Folders of a dataset that hold no tables."""
 
 
-def list_markers(root: PurePath, filesystem: pafs.FileSystem | None) -> frozenset[str]:
-    """Return the names of a dataset's markers; each stands for one published shard, or a scenario's static tables.
+@dataclass(frozen=True)
+class Markers:
+    """Names of a dataset's markers; each stands for one published shard, or a scenario's static tables."""
+
+    names: frozenset[str]
+
+    @cached_property
+    def _shards(self) -> dict[str, list[str]]:
+        """Number of the shards -> `SCENARIO.WEATHER` of each."""
+        found: dict[str, list[str]] = {}
+        for name in self.names:
+            shard, _, number = name.removesuffix(".json").rpartition(".")
+            found.setdefault(number, []).append(shard)
+        return found
+
+    def publish(self, path: str) -> bool:
+        """Return whether the marker of a table's file is there; it is written after all files of its shard.
+
+        The name alone decides, so that nothing is read: `mmw verify` compares the content. Of a file that is the same
+        in every weather, any weather's will do: it is written before the first of them.
+        """
+        found = TABLE_FILE.search(path)
+        if found is None:
+            return False
+        table, scenario, weather, number = found.group("table", "scenario", "weather", "number")
+        if weather is not None:
+            return f"{scenario}.{weather}.{number}.json" in self.names
+        if table in TABLES and TABLES[table].framed:
+            return any(shard.startswith(f"{scenario}.") for shard in self._shards.get(number, ()))
+        return f"{scenario}.json" in self.names
+
+
+def list_markers(root: PurePath, filesystem: pafs.FileSystem | None) -> Markers:
+    """Return the names of a dataset's markers.
 
     Raises:
         InputError: If their folder may not be read.
     """
-    return frozenset(path.rsplit("/", 1)[1] for path in _walk(root, MARKERS, filesystem) if path.endswith(".json"))
+    names = (path.rsplit("/", 1)[1] for path in _walk(root, MARKERS, filesystem) if path.endswith(".json"))
+    return Markers(frozenset(names))
 
 
-def is_published(path: str, markers: Collection[str]) -> bool:
-    """Return whether the marker of a table's file is there; it is written after all files of its shard.
-
-    The name alone decides, so that nothing is read: `mmw verify` compares the content.
-    """
-    found = TABLE_FILE.search(path)
-    if found is None:
-        return False
-    scenario, weather, number = found.group("scenario", "weather", "number")
-    return f"{scenario}.json" in markers if weather is None else f"{scenario}.{weather}.{number}.json" in markers
-
-
-def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, markers: Collection[str]) -> list[str]:
+def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, markers: Markers) -> list[str]:
     """Return the paths of a table's published files, sorted.
 
     Names with a leading . or _ are skipped, as by other readers; so are files of shards without a marker: those of a
@@ -60,7 +84,7 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, m
     for path in paths:
         if not TABLE_FILE.fullmatch(path, begin):
             raise InputError(f"{path}: no file of a dataset has this name in table {table!r}; move it away")
-    paths = [path for path in paths if is_published(path, markers)]
+    paths = [path for path in paths if markers.publish(path)]
     for path in paths if filesystem is None else ():
         mode = os.lstat(path).st_mode
         if stat.S_ISLNK(mode):
@@ -72,13 +96,13 @@ def list_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, m
     return paths
 
 
-def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, markers: Collection[str]) -> bool:
+def has_files(root: PurePath, table: str, filesystem: pafs.FileSystem | None, markers: Markers) -> bool:
     """Return whether a table's folder holds published files.
 
     Raises:
         InputError: If a folder may not be read.
     """
-    return any(is_published(path, markers) for path in _walk(root, table, filesystem))
+    return any(markers.publish(path) for path in _walk(root, table, filesystem))
 
 
 def list_folders(root: PurePath, filesystem: pafs.FileSystem | None) -> list[str]:
@@ -146,8 +170,8 @@ def damage_of(
     return InputError(f"{root}: table {spec.name!r}: {one_line(error)}; check the columns and files that are read")
 
 
-Parts = dict[tuple[str, str], list[tuple[int, pds.ParquetFileFragment]]]
-"""Scenario and weather -> first frame and file of each shard, by frame."""
+Parts = dict[tuple[str, str | None], list[tuple[int, pds.ParquetFileFragment]]]
+"""Scenario and weather, None for all, -> first frame and file of each shard, by frame."""
 
 
 def framed_parts(table: pds.FileSystemDataset) -> Parts:
@@ -159,9 +183,9 @@ def framed_parts(table: pds.FileSystemDataset) -> Parts:
     found: Parts = {}
     for fragment in table.get_fragments():
         named = TABLE_FILE.search(fragment.path)
-        if named is None or named["weather"] is None:
+        if named is None:
             raise InputError(f"{fragment.path}: no file of a dataset has this name; move it away")
-        place = unquote(named["scenario"]), unquote(named["weather"])
+        place = unquote(named["scenario"]), named["weather"] and unquote(named["weather"])
         found.setdefault(place, []).append((int(named["number"]), fragment))
     for some in found.values():
         some.sort(key=lambda item: item[0])

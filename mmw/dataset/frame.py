@@ -1,7 +1,7 @@
 """Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from mmw.channel.tables import LINKS
 from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import seconds
@@ -26,6 +27,7 @@ from mmw.storage.codecs.images import (
     decode_semantic,
 )
 from mmw.storage.parquet_schema import arrow_schema
+from mmw.storage.schemas import TABLES, views, views_of
 
 Row = dict[str, Any]
 
@@ -129,12 +131,18 @@ class Link:
     """Receiver."""
     peer: str
     """Transmitter."""
+    antenna: str
+    """Antenna of the receiver."""
+    peer_antenna: str
+    """Antenna of the transmitter."""
+    carrier: int
+    """Number of the carrier in the configuration, from 0."""
     carrier_hz: float
     is_los: bool
     gain_db: float | None
     """Sum of the powers of the paths [dB]; None without any path."""
     paths: dict[str, np.ndarray]
-    """Columns of table `paths`, shape [P] each; of lists an object array of arrays."""
+    """Columns of the view `paths`, shape [P] each; of lists an object array of arrays."""
 
     @property
     def a(self) -> np.ndarray:
@@ -144,6 +152,10 @@ class Link:
     def vertices(self, path: int) -> np.ndarray:
         """Return the places of a path's interactions in the world, from transmitter to receiver [m], shape [n, 3]."""
         return np.asarray(self.paths["vertices"][path], dtype=np.float64).reshape(-1, 3)
+
+
+LINK_FIELDS = tuple(one.name for one in fields(Link) if one.name != "paths")
+"""Fields of `Link` that are columns of table `links`."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +256,7 @@ class Frame:
         >>> agent.role, agent.pose.shape, agent.views["front"].rgb.shape[-1]
         ('cav', (7,), 3)
         >>> [(link.peer, link.carrier_hz, link.is_los) for link in agent.links]
-        [('rsu_1', 4900000000.0, True), ('rsu_1', 28000000000.0, True)]
+        [('rsu_1', 28000000000.0, True), ('rsu_1', 4900000000.0, True)]
     """
 
     data: TableReader
@@ -279,16 +291,17 @@ class Frame:
         return rows[0]
 
     def table(self, name: str) -> pa.Table:
-        """Return the rows of a table in this frame; none if the dataset has no such table.
+        """Return the rows of a table or view in this frame; none if the dataset has no such table.
 
         Raises:
             InputError: If the name is no table's, or a file is damaged.
         """
-        if name not in self.data.tables:
-            return arrow_schema(name).empty_table()
+        if name not in (*self.data.tables, *views_of(self.data.tables)):
+            return arrow_schema(views().get(name, name)).empty_table()
         if name not in self._tables:
             frames = range(self.frame, self.frame + 1)
-            self._tables[name] = self.data.read(name, scenario=self.scenario, weather=self.weather, frames=frames)
+            weather = self.weather if name not in TABLES or TABLES[name].by_weather else None
+            self._tables[name] = self.data.read(name, scenario=self.scenario, weather=weather, frames=frames)
         return self._tables[name]
 
     def rows(self, table: str) -> list[Row]:
@@ -330,11 +343,10 @@ class Frame:
         found = []
         for row in self.rows("links"):
             is_own = np.ones(len(paths["frame"]), dtype=bool)
-            for name in ("agent", "peer", "carrier_hz"):
+            for name in LINKS.key:
                 is_own &= paths[name] == row[name]
             own = {name: values[is_own] for name, values in paths.items()}
-            keys = (row[name] for name in ("agent", "peer", "carrier_hz", "is_los", "gain_db"))
-            found.append(Link(*keys, own))
+            found.append(Link(**{name: row[name] for name in LINK_FIELDS}, paths=own))
         return tuple(found)
 
 

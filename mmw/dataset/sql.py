@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
+from mmw.channel.path_view import join_sql
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 LINK_PATHS = """
 CREATE OR REPLACE VIEW link_paths AS
 SELECT p.*, l.link, l.path_count, l.is_los, l.gain_db AS link_gain_db
-FROM paths p JOIN links l USING (scenario, weather, frame, agent, peer, carrier_hz)
+FROM paths p JOIN links l USING (scenario, weather, frame, agent, peer, antenna, peer_antenna, carrier)
 """
 """A view with one row per path, with the columns of its link."""
 
@@ -90,16 +91,19 @@ SENSOR_POSES = _sensor_poses()
 
 TRANSFER = ", ".join(f"t_{pair}_{part}" for pair in ("tt", "tp", "pt", "pp") for part in ("re", "im"))
 
+LINK_AT = "scenario, weather, frame, agent, peer, antenna, peer_antenna, carrier"
+"""Columns that name a link at a carrier."""
+
 BEAM_INPUTS = f"""
 CREATE OR REPLACE VIEW beam_inputs AS
 WITH listed AS (
-    SELECT scenario, weather, frame, agent, peer, carrier_hz, list(tau_s ORDER BY path) AS tau_s,
+    SELECT {LINK_AT}, list(tau_s ORDER BY path) AS tau_s,
            list(a_re ORDER BY path) AS a_re, list(a_im ORDER BY path) AS a_im,
            flatten(list([{TRANSFER}] ORDER BY path)) AS transfer,
            flatten(list([aod_az, aod_ze, aoa_az, aoa_ze] ORDER BY path)) AS angles
     FROM paths GROUP BY ALL
 )
-SELECT scenario, weather, frame, agent, peer, carrier_hz, link, is_los, coalesce(tau_s, []) AS tau_s,
+SELECT {LINK_AT}, carrier_hz, link, is_los, coalesce(tau_s, []) AS tau_s,
        coalesce(a_re, []) AS a_re, coalesce(a_im, []) AS a_im, coalesce(transfer, []) AS transfer,
        coalesce(angles, []) AS angles, tx_rotation, rx_rotation
 FROM links
@@ -107,14 +111,14 @@ JOIN (SELECT scenario, weather, frame, agent AS peer, [qx, qy, qz, qw] AS tx_rot
     USING (scenario, weather, frame, peer)
 JOIN (SELECT scenario, weather, frame, agent, [qx, qy, qz, qw] AS rx_rotation FROM poses)
     USING (scenario, weather, frame, agent)
-LEFT JOIN listed USING (scenario, weather, frame, agent, peer, carrier_hz)
+LEFT JOIN listed USING ({LINK_AT})
 """
 """A view with one row per link and carrier: its paths as lists, empty without any, and the rotations of both ends."""
 
-BEAMS = """
+BEAMS = f"""
 CREATE OR REPLACE VIEW beams AS
 SELECT * EXCLUDE (pair), pair.rx_beam AS rx_beam, pair.tx_beam AS tx_beam, pair.gain AS gain FROM (
-    SELECT scenario, weather, frame, agent, peer, carrier_hz, link, is_los,
+    SELECT {LINK_AT}, carrier_hz, link, is_los,
            best_beam(tau_s, transfer, angles, tx_rotation, rx_rotation, carrier_hz) AS pair
     FROM beam_inputs
 )
@@ -122,13 +126,20 @@ SELECT * EXCLUDE (pair), pair.rx_beam AS rx_beam, pair.tx_beam AS tx_beam, pair.
 """A view with the best pair of beams of every link and carrier; -1, -1 and gain 0 without any path."""
 
 VIEWS: dict[str, tuple[tuple[str, ...], str]] = {
+    "paths": (("path_gains", "path_geometry"), f"CREATE VIEW paths AS {join_sql('path_gains', 'path_geometry')}"),
     "link_paths": (("links", "paths"), LINK_PATHS),
     "agent_boxes": (("poses", "boxes"), AGENT_BOXES),
     "sensor_poses": (("poses", "sensors"), SENSOR_POSES),
     "beam_inputs": (("links", "paths", "poses"), BEAM_INPUTS),
     "beams": (("links", "paths", "poses"), BEAMS),
 }
-"""View -> tables that it needs and its statement."""
+"""View -> tables and views before it that it needs, and its statement."""
+
+
+PATHS_AT = "CREATE MACRO paths_at(in_scenario, in_weather, in_frame) AS TABLE " + join_sql(
+    "path_gains_at(in_scenario, in_weather, in_frame)", "path_geometry_at(in_scenario, in_frame)"
+)
+"""SQL that makes `paths_at(scenario, weather, frame)`, see `frame_macro`."""
 
 
 def point_views() -> dict[str, tuple[tuple[str, ...], str]]:
@@ -194,11 +205,13 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
             )
         except duckdb.Error as error:
             raise dataset.damage(name, error) from error
-        if dataset.spec(name).framed:
-            connection.execute(frame_macro(name, str(dataset.root), names))
+        if (spec := dataset.spec(name)).framed:
+            connection.execute(frame_macro(name, str(dataset.root), names, by_weather=spec.by_weather))
+    if dataset.views and dataset.filesystem is None:
+        connection.execute(PATHS_AT)
     _add_functions(connection, search or BeamSearch())
     for view, (needed, statement) in (point_views() | VIEWS).items():
-        if set(needed) <= set(dataset.tables):
+        if set(needed) <= {*dataset.tables, *dataset.views}:
             try:
                 connection.execute(statement)
             except duckdb.BinderException as error:
@@ -211,7 +224,7 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
     return connection
 
 
-def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
+def frame_macro(table: str, root: str, files: Sequence[str], *, by_weather: bool = True) -> str:
     """Return SQL that makes `TABLE_at(scenario, weather, frame)`: the rows of one frame, read from one file.
 
     A query of the view looks into the footer of every file of the weather instead.
@@ -219,8 +232,11 @@ def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
     Args:
         table: Table with frames.
         root: Dataset folder.
-        files: CarrierPaths of its files.
+        files: Paths of its files.
+        by_weather: False for a table that is the same in every weather: `TABLE_at(scenario, frame)`.
     """
+    weather = "'/weather=' || in_weather || " if by_weather else ""
+    folder_sql = f"'scenario=' || in_scenario || {weather}".removesuffix(" || ")
     begins: dict[str, set[int]] = defaultdict(set)
     for file in files:
         if found := TABLE_FILE.search(file):
@@ -234,12 +250,11 @@ def frame_macro(table: str, root: str, files: Sequence[str]) -> str:
             number = f"list_max(list_filter({sorted(numbers)}, lambda number: number <= in_frame))"
         cases += f" WHEN {_quoted(folder)} THEN {number}"
     path = (
-        f"{_quoted(glob.escape(root))} || '/{table}/scenario=' || in_scenario || '/weather=' || in_weather || '/part-' "
-        f"|| printf('%06d', CASE 'scenario=' || in_scenario || '/weather=' || in_weather{cases} ELSE -1 END)"
-        " || '.parquet'"
+        f"{_quoted(glob.escape(root))} || '/{table}/' || {folder_sql} || '/part-' "
+        f"|| printf('%06d', CASE {folder_sql}{cases} ELSE -1 END) || '.parquet'"
     )
     return (
-        f"CREATE MACRO {table}_at(in_scenario, in_weather, in_frame) AS TABLE SELECT * FROM "
+        f"CREATE MACRO {table}_at(in_scenario, {'in_weather, ' if by_weather else ''}in_frame) AS TABLE SELECT * FROM "
         f"read_parquet({path}, hive_partitioning = true, hive_types_autocast = false) WHERE frame = in_frame"
     )
 

@@ -4,13 +4,16 @@ import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Protocol
+from typing import Any, Protocol
 
 import pyarrow as pa
 import pyarrow.dataset as pds
 
+from mmw.channel.path_view import join_paths, split_columns
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.storage.schemas import views, views_of
+from mmw.storage.table_spec import ViewSpec
 
 
 class TableReader(Protocol):
@@ -80,6 +83,11 @@ class MemoryTables:
         Raises:
             InputError: If there is no such table or column.
         """
+        if table in views_of(self.tables):
+            return read_view(
+                self, views()[table], columns=columns, scenario=scenario, weather=weather, frames=frames, agent=agent,
+                sensor=sensor,
+            )  # fmt: skip
         if table not in self.held:
             raise InputError(f"{self.root}: has no table {table!r}; it has {', '.join(self.held)}; name one of these")
         found = self.held[table]
@@ -90,6 +98,41 @@ class MemoryTables:
         if expression is not None:
             found = found.filter(expression)
         return found.select(list(columns)) if columns else found
+
+
+def read_view(
+    reader: TableReader,
+    view: ViewSpec,
+    *,
+    columns: Sequence[str] | None = None,
+    agent: str | None = None,
+    sensor: str | None = None,
+    **where: Any,
+) -> pa.Table:
+    """Return the rows of the view `paths`; only the tables and columns are read that the wanted columns need.
+
+    Args:
+        reader: Source of the tables.
+        view: The view.
+        columns: Columns; None for all.
+        agent: Only rows of this agent.
+        sensor: No view has a column of this name.
+        where: `scenario`, `weather` and `frames` of `Dataset.read`.
+
+    Raises:
+        InputError: If a column or a row is missing.
+    """
+    known = [field.name for field in view.columns]
+    names = list(columns or known)
+    check_columns(reader.root, view.name, known, [*names, *(["sensor"] if sensor is not None else [])])
+    of_gains, of_geometry = split_columns(names)
+    gains = reader.read("path_gains", columns=of_gains, agent=agent, **where)
+    where.pop("weather", None)
+    geometry = reader.read("path_geometry", columns=of_geometry, agent=agent, **where) if of_geometry else None
+    try:
+        return join_paths(gains, geometry, names)
+    except InputError as error:
+        raise InputError(f"{reader.root}: {error}") from error
 
 
 def check_columns(root: object, table: str, known: Sequence[str], names: Sequence[str]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.channel.rows import link_rows, path_rows
+from mmw.channel.rows import link_rows, path_gain_rows, path_geometry_rows
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.registry import load_reference
@@ -93,7 +93,10 @@ def _simulate(
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int], collected: TableRows) -> None:
-    """Add links and paths of the channel's frames: traced once, their field evaluated in every weather."""
+    """Add links and paths of the channel's frames: traced once, their field evaluated in every weather.
+
+    The geometry of paths is the same in every weather: only the first of `collected` has it.
+    """
     config = batch.config.channel
     with batch.clock.stage("channel"):
         links = make_links(batch.arrays, frames, config)
@@ -101,8 +104,10 @@ def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int],
         materials = {weather: batch.arrays.materials[weather] for weather in collected}
         air = {weather: batch.weather(weather) for weather in collected}
         paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
-        agents = [actor.name for actor in batch.arrays.actors]
+        agents, antennas = [actor.name for actor in batch.arrays.actors], config.antenna_names
         for weather, tables in collected.items():
-            tables["links"].append(link_rows(agents, config.link_names, links, paths, weather))
-            tables["paths"].append(path_rows(agents, links, paths, weather))
+            tables["links"].append(link_rows(agents, antennas, config.link_names, links, paths, weather))
+            tables["path_gains"].append(path_gain_rows(agents, antennas, links, paths, weather))
+        for tables in list(collected.values())[:1]:
+            tables["path_geometry"].append(path_geometry_rows(agents, antennas, links, paths))
     batch.clock.rays["channel"] += launched_rays(links, config)

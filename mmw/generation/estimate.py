@@ -23,8 +23,9 @@ from mmw.usd.material_entries import unknown_entries
 from mmw.usd.open_stage import open_stage, usd_errors
 from mmw.usd.vehicle_catalog import load_catalog
 
-PATH_BYTES = 134.0
-"""Bytes of one radio path at one carrier, measured on town03. It and the next are for estimates without a trace."""
+GAIN_BYTES, GEOMETRY_BYTES = 84.0, 67.0
+"""Bytes of the gains of one radio path at one carrier, and of its geometry, measured on towns 03, 05 and 10. They and
+the next are for estimates without a trace."""
 
 PATHS_PER_LINK = 2.5
 """Paths of a link at first order, measured on town03; a link without any counts too. Every order more adds one."""
@@ -121,7 +122,7 @@ def agent_counts(scenario: ScenarioConfig, base: Path, find_roles: FindRoles = s
         agents = {role: roles.count(role) + units.get(role, 0) for role in AGENT_ROLES}
         vehicles = agents["cav"] + roles.count("vehicle")
         return {**agents, "vehicles": vehicles, "boxes": sum(role not in FIXED_ROLES for role in roles)}
-    boxes = traffic.vehicle_count + traffic.pedestrian_count + len(scenario.uavs)
+    boxes = traffic.vehicle_count + traffic.pedestrian_count + traffic.cyclist_count + len(scenario.uavs)
     agents = {"cav": traffic.cav_count, "vru": traffic.vru_count, **units}
     return {**agents, "vehicles": traffic.vehicle_count, "boxes": boxes + len(roles)}  # the town has parked vehicles
 
@@ -204,7 +205,7 @@ def estimate_plan(config: Config, base: Path, counts: AgentCounts) -> PlanEstima
     """Return about how many rays and bytes the scenarios of a configuration with these agents would take."""
     lines: list[str] = []
     total_rays = total_bytes = 0.0
-    framed_tables = sum(table.framed for table in TABLES.values())
+    framed_tables = [table for table in TABLES.values() if table.framed]
     for scenario in config.scenarios:
         own = counts[scenario.name]
         rays, size = frame_cost(config, own, scenario)
@@ -212,7 +213,8 @@ def estimate_plan(config: Config, base: Path, counts: AgentCounts) -> PlanEstima
         frame_count = config.frames_of(scenario).count
         shards = -(-frame_count // config.output.shard_frames)
         total_rays += frame_rays * frame_count
-        total_bytes += (size * frame_count + shards * framed_tables * FILE_BYTES) * len(config.weathers)
+        files = sum(len(config.weathers) if table.by_weather else 1 for table in framed_tables)
+        total_bytes += size * frame_count * len(config.weathers) + shards * files * FILE_BYTES
         each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
             f"  {scenario.name}: {scenario_source(scenario, base).name}, {_agent_words(own)} "
@@ -222,7 +224,10 @@ def estimate_plan(config: Config, base: Path, counts: AgentCounts) -> PlanEstima
 
 
 def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConfig) -> tuple[dict[str, int], float]:
-    """Return the rays of each sensor and of the channel, and the bytes of rows in one weather, a frame on average."""
+    """Return the rays of each sensor and of the channel, and the bytes of rows in one weather, a frame on average.
+
+    Rows that are the same in all weathers count in equal shares.
+    """
     frames, rate_hz = config.frames_of(scenario), config.frame_rate_of(scenario)
 
     def share(sampled: Sampling) -> float:
@@ -247,7 +252,8 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
             senders += half if mutual.issuperset(own) else 1.0
         if channel.candidates == "launch":
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
-        link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * PATH_BYTES)
+        link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * GAIN_BYTES)
+        link_size += _paths(channel) * GEOMETRY_BYTES / len(config.weathers)
         size += len(ends) * link_size * share(channel)
     return rays, size
 

@@ -42,7 +42,7 @@ from mmw.storage.manifest import read_dataset, read_markers
 from mmw.storage.schemas import table_spec
 from mmw.storage.store import Root, store_of
 
-CHANNEL_TABLES = ("links", "paths")
+CHANNEL_TABLES = ("links", "path_geometry", "path_gains")
 """Tables that the radio channel fills. All links of a frame are traced, because the ends of a pair share rays."""
 
 
@@ -102,7 +102,7 @@ class RowRegenerator:
         """
         spec = table_spec(table)
         found = self.config.scenario(scenario)
-        wanted = {"agent": agent, "sensor": sensor, "weather": None if spec.framed else weather, **key}
+        wanted = {"agent": agent, "sensor": sensor, "weather": None if spec.of_weather else weather, **key}
         wanted = {name: value for name, value in wanted.items() if value is not None}
         columns = [column.name for column in spec.columns]
         for name in wanted:
@@ -113,6 +113,8 @@ class RowRegenerator:
             return check_table(
                 table, select_rows(table_from_columns(table, {"scenario": scenario, **columns_of}), wanted)
             )
+        if not spec.by_weather:
+            weather = self.config.weathers[0]
         if weather not in self.config.weathers:
             raise InputError(f"weather = {weather}: the dataset has {', '.join(self.config.weathers)}; name one")
         frames = self.config.frames_of(found)
@@ -148,7 +150,7 @@ class RowRegenerator:
     def _restricted(self, table: str, scenario: ScenarioConfig, agent: str | None, sensor: str | None) -> Batch:
         """Return the batch of a scenario that traces only what a table's rows need, one frame at a time."""
         named = {section.name: section for section in self.config.sensors if section.type in types_that_fill(table)}
-        if sensor is not None and sensor not in named and sensor != "antenna":
+        if sensor is not None and sensor not in named and sensor not in self.config.channel.antenna_names:
             raise InputError(
                 f"sensor = {sensor}: table {table} has {', '.join(named) or 'none'} in this dataset; name one"
             )
@@ -179,7 +181,7 @@ def stored_rows(root: str | Path, table: str, key: dict[str, Any]) -> pa.Table:
         table,
         columns=names,
         scenario=key.get("scenario"),
-        weather=key.get("weather") if spec.framed else None,
+        weather=key.get("weather") if spec.of_weather else None,
         frames=None if frame is None else range(frame, frame + 1),
     )
     return select_rows(found, {name: value for name, value in key.items() if name in names})

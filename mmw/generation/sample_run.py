@@ -37,7 +37,7 @@ MAX_FIXED = 2.5
 SENSOR = "sensor"
 """Column that names the sensor of a row."""
 
-CHANNEL, CHANNEL_TABLES = "channel", ("links", "paths")
+CHANNEL, CHANNEL_TABLES = "channel", ("links", "path_geometry", "path_gains")
 """Name of the radio channel beside those of sensors, which may not have it, and its tables."""
 
 FRAMES, STATIC = "", "/"

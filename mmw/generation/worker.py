@@ -3,7 +3,7 @@
 import logging
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
@@ -27,6 +27,7 @@ from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.lock import exclusive_lock
 from mmw.storage.manifest import pending_scenarios
+from mmw.storage.schemas import table_spec
 from mmw.storage.shard_writer import ShardWriter, write_scenario
 from mmw.storage.store import Store
 
@@ -136,11 +137,16 @@ class Worker:
 
         def on_rows(frames: range, rows: TableRows) -> None:
             for weather, tables in rows.items():
+                if weather != self._context.config.weathers[0]:  # its shard has what is the same in all
+                    tables = {name: batches for name, batches in tables.items() if table_spec(name).by_weather}
                 ends[weather] = self._pool.submit(_add, shards[weather], frames, tables, ends.get(weather))
             self._queue(list(ends.values()))
 
         self._batch_frames = trace_work(self._batch, work, self._batch_frames, self._reporter, on_rows)
-        self._queue([self._pool.submit(_close, shards[name], begin, end) for name, end in ends.items()])
+        closed: list[Future[None]] = []
+        for name, end in ends.items():  # the first weather's comes before others: it has what is the same in all
+            closed.append(self._pool.submit(_close, shards[name], begin, [end, *closed[:1]]))
+        self._queue(closed)
 
     def _meta_of(self, scenario: ScenarioConfig) -> dict[str, Any]:
         return {**self._meta, "frame_rate_hz": self._context.config.frame_rate_of(scenario)}
@@ -217,7 +223,8 @@ def _add(shard: ShardWriter, frames: range, tables: dict[str, list[Any]], previo
     shard.add(ready, frames.stop)
 
 
-def _close(shard: ShardWriter, begin: float, previous: Future[None]) -> None:
-    """Write a shard after its last batch, in a writer thread."""
-    previous.result()
+def _close(shard: ShardWriter, begin: float, previous: Sequence[Future[None]]) -> None:
+    """Write a shard after its last batch and other shards, in a writer thread."""
+    for before in previous:
+        before.result()
     shard.close(time.perf_counter() - begin)

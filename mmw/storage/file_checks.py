@@ -91,11 +91,10 @@ def check_makers(head: Mapping[str, Any], markers: Mapping[str, dict]) -> Iterat
 def _check_listed(marker: dict, head: Mapping[str, Any], listed: Mapping[str, dict]) -> Iterator[Finding]:
     """Yield what is wrong with the list of files of a marker."""
     key = key_of(marker)
-    place = table_path("", key).as_posix()
     is_config, is_inputs = marker["config_sha256"] == head["config_sha256"], is_of(marker, head)
     for file in marker["files"]:
         path = file["path"]
-        if path != f"{file['table']}/{place}":
+        if path != table_path(file["table"], key).as_posix():
             yield Finding("marker", marker_path(key).as_posix(), f"lists {path}, which is no file of {key}")
         elif path in listed:
             yield Finding("marker", path, "two markers list the file")

@@ -4,7 +4,7 @@ from collections.abc import Collection, Iterable, Sequence
 from pathlib import PurePosixPath
 
 from mmw.core.errors import InputError
-from mmw.storage.schemas import TABLES, table_spec
+from mmw.storage.schemas import TABLES
 from mmw.storage.shard_writer import MARKERS, ShardKey, marker_path, table_path
 from mmw.storage.store import MANIFEST, Root, store_of
 
@@ -24,16 +24,19 @@ def foreign_files(root: Root, plan: Iterable[ShardKey | str], listed: Collection
     """
     plan = list(plan)
     markers = {marker_path(key).as_posix() for key in plan}
-    places = {True: set[str](), False: set[str]()}  # of files below the folder of a table, with frames and static
-    for key in plan:
-        places[isinstance(key, ShardKey)].add(table_path("", key).as_posix())
+    own = {
+        table_path(table, key).as_posix()
+        for table, spec in TABLES.items()
+        for key in plan
+        if spec.framed == isinstance(key, ShardKey)
+    }
 
     def is_own(name: str) -> bool:
         top, _, rest = name.partition("/")
         if top == MARKERS:
             return name in markers
         if top in TABLES:
-            return name in listed if listed is not None else rest in places[table_spec(top).framed]
+            return name in (own if listed is None else listed)
         return bool(rest) or not name.endswith(".parquet") or name == MANIFEST
 
     names = store_of(root).names()

@@ -19,7 +19,7 @@ from mmw.storage.atomic_files import StoreError
 from mmw.storage.dataset_card import CARD, CONFIG, LICENSE, NOTICE, dataset_card
 from mmw.storage.foreign_files import check_foreign_files
 from mmw.storage.identity import changed_inputs, check_same, inputs_sha256, is_hashes, is_of
-from mmw.storage.schemas import SCHEMA_VERSION, TABLES
+from mmw.storage.schemas import SCHEMA_VERSION, TABLES, views
 from mmw.storage.shard_writer import MARKERS, META_KEYS, SHARD_DOTS, ShardKey, key_of, marker_path
 from mmw.storage.store import DATASET, LOCKS, MANIFEST, Root, Store, store_of
 from mmw.storage.sweep_index import dataset_roots
@@ -50,8 +50,8 @@ _MANIFEST_SCHEMA = pa.schema([(name, _NUMBERS.get(name, pa.string())) for name i
 
 
 def folders() -> tuple[str, ...]:
-    """Return the folders that a run creates; `--overwrite` removes only these."""
-    return (MARKERS, *TABLES, "stages", "assets")
+    """Return the folders that a run creates; `--overwrite` removes only these. Older mmw stored views as tables."""
+    return (MARKERS, *TABLES, *views(), "stages", "assets")
 
 
 def prepare_root(

@@ -6,13 +6,13 @@ from typing import Any
 import pyarrow as pa
 
 from mmw.storage.schemas import SCHEMA_VERSION, column_text, table_spec
-from mmw.storage.table_spec import FRAME, IMAGE, TableSpec, frame_column
+from mmw.storage.table_spec import FRAME, IMAGE, TableSpec, ViewSpec, frame_column
 
 RATE = "mmw.frame_rate_hz"
 """File-level key: frames a second, in files of other rates than 100 Hz."""
 
 
-def arrow_schema(table: str | TableSpec, meta: dict[str, str] | None = None) -> pa.Schema:
+def arrow_schema(table: str | TableSpec | ViewSpec, meta: dict[str, str] | None = None) -> pa.Schema:
     """Return a table's Arrow schema with its file-level keys; the unit of `frame` is that of the rate in `meta`."""
     spec = table_spec(table) if isinstance(table, str) else table
     own = spec.columns

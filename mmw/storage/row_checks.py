@@ -160,7 +160,7 @@ def _check_rows(chunk: Chunk, table: str, rows: pa.Table) -> Iterator[Finding]:
             text = f"{count} values of {name} are NaN or infinite, which no run writes; run the configuration again"
             yield Finding("value", path, text)
     wanted = {"scenario": [chunk.scenario] * len(chunk.keys)}
-    if spec.framed:
+    if spec.of_weather:
         wanted["weather"] = [key.weather if isinstance(key, ShardKey) else "" for key in chunk.keys]
     for name, values in wanted.items():
         found, right = rows.column(name).to_numpy(), chunk.names.numbers(values)[shards]

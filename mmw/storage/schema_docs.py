@@ -4,15 +4,16 @@ from collections.abc import Sequence
 
 import pyarrow as pa
 
-from mmw.storage.schemas import SCHEMA_VERSION, TABLES, column_text
-from mmw.storage.table_spec import TableSpec
+from mmw.storage.schemas import SCHEMA_VERSION, TABLES, column_text, views
+from mmw.storage.table_spec import ViewSpec
 
 
 def schema_markdown() -> str:
-    """Return the documentation of every table and column."""
+    """Return the documentation of every table, view and column."""
+    stored = [field for spec in TABLES.values() for field in spec.columns]
     by_key: dict[tuple[str, ...], list[str]] = {}
-    for spec in TABLES.values():
-        by_key.setdefault(_full_key(spec), []).append(f"[{spec.name}](#{spec.name})")
+    for spec in (*TABLES.values(), *views().values()):
+        by_key.setdefault(spec.full_key, []).append(f"[{spec.name}](#{spec.name})")
     shared = _shared_columns()
     lines = [
         "# Tables",
@@ -22,7 +23,9 @@ def schema_markdown() -> str:
         f"- Schema version: {SCHEMA_VERSION} ([compatibility](schema-versions.md)).",
         "- Units and frames: [Conventions](../concepts/conventions.md). Sensor models: [Sensors](../sensors/index.md).",
         "- Files: `TABLE/scenario=S/weather=W/part-FFFFFF.parquet`, with F the first frame of the file; tables without "
-        "`frame` are in `TABLE/scenario=S/part-000000.parquet`.",
+        "`frame` are in `TABLE/scenario=S/part-000000.parquet`, and those that are the same in every weather in "
+        "`TABLE/scenario=S/part-FFFFFF.parquet`.",
+        "- A view has no files: `mmw.open` and `mmw.connect` join it from its tables.",
         "- Rows are sorted by key. Tables join on shared key columns and on `object_id`.",
         "",
         "## Keys",
@@ -35,21 +38,22 @@ def schema_markdown() -> str:
         "",
         *_column_rows(list(shared.values())),
     ]
-    for spec in TABLES.values():
-        in_keys = [shared[name] for name in _full_key(spec) if name in shared]
+    for spec in (*TABLES.values(), *views().values()):
+        in_keys = [shared[name] for name in spec.full_key if name in shared]
         own = [f for f in spec.columns if not any(f.equals(key, check_metadata=True) for key in in_keys)]
-        lines += ["", f"## {spec.name}", "", spec.doc, "", *_column_rows(own)]
+        lines += ["", f"## {spec.name}", "", spec.doc, ""]
+        if isinstance(spec, ViewSpec):
+            tables = " and ".join(f"[{name}](#{name})" for name in spec.tables)
+            lines += [f"A view of {tables}, whose columns have the same meaning here:", ""]
+            lines += [", ".join(field.name for field in own if field in stored) + ".", ""]
+            own = [field for field in own if field not in stored]
+        lines += _column_rows(own)
     return "\n".join(lines) + "\n"
-
-
-def _full_key(spec: TableSpec) -> tuple[str, ...]:
-    """Return the key of a table, with the columns that the folders of its files are named after."""
-    return ("scenario", *(("weather",) if spec.framed else ()), *spec.key)
 
 
 def _shared_columns() -> dict[str, pa.Field]:
     """Return the key columns that are equal in several tables, by name."""
-    keys = [(spec.name, field) for spec in TABLES.values() for field in spec.columns if field.name in _full_key(spec)]
+    keys = [(spec.name, field) for spec in TABLES.values() for field in spec.columns if field.name in spec.full_key]
     return {
         field.name: field
         for table, field in keys

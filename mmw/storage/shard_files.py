@@ -112,7 +112,7 @@ class _Layout:
     def __init__(self, spec: TableSpec, more: Sequence[str]) -> None:
         self.spec, self.schema, self.more = spec, arrow_schema(spec), more
         self.to_read = columns_to_read(self.schema, spec.key, more)
-        self.needed = ["scenario", *(["weather"] if spec.framed else []), *spec.key, *more]
+        self.needed = ["scenario", *(["weather"] if spec.of_weather else []), *spec.key, *more]
         self._known: dict[bytes, pq.ParquetSchema] = {}
 
     def is_known(self, metadata: pq.FileMetaData, stored: bytes) -> bool:

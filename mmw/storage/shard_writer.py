@@ -20,7 +20,7 @@ from mmw.storage.arrow_tables import check_table, table_from_columns
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.parquet_schema import RATE, arrow_schema
 from mmw.storage.parquet_writer import ParquetFileBuilder
-from mmw.storage.schemas import SCHEMA_VERSION, table_spec
+from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec
 from mmw.storage.store import Root, Store, store_of
 
 MARKERS = "_shards"
@@ -59,17 +59,30 @@ class ShardKey:
 
 
 def table_path(table: str, key: ShardKey | str) -> Path:
-    """Return the path of a shard's table in the dataset; of a static table if `key` is the name of a scenario."""
+    """Return the path of a shard's table in the dataset; of a static table if `key` is the name of a scenario.
+
+    The folder of a table whose rows are the same in every weather, see `TableSpec.by_weather`, names none.
+    """
     if isinstance(key, str):
         return Path(table, f"scenario={key}", "part-000000.parquet")
-    return Path(table, f"scenario={key.scenario}", f"weather={key.weather}", f"part-{key.frame_begin:06d}.parquet")
+    is_of_weather = table not in TABLES or TABLES[table].by_weather
+    weather = (f"weather={key.weather}",) if is_of_weather else ()
+    return Path(table, f"scenario={key.scenario}", *weather, f"part-{key.frame_begin:06d}.parquet")
 
 
 TABLE_FILE = re.compile(
     r"(?P<table>[^/]+)/(?P<folder>scenario=(?P<scenario>[^/]+)(?:/weather=(?P<weather>[^/]+))?)"
     r"/part-(?P<number>\d{6,})\.parquet$"
 )
-"""Path that `table_path` returns; `search` finds it at the end of an absolute path. Static tables have no weather."""
+"""Path that `table_path` returns; `search` finds it at the end of an absolute path. Static tables and those
+that are the same in every weather have no weather."""
+
+
+def _fixed_columns(table: str, key: ShardKey | str) -> dict[str, str]:
+    """Return the columns that have one value in all rows of a file, and these values."""
+    if isinstance(key, str):
+        return {"scenario": key}
+    return {"scenario": key.scenario, **({"weather": key.weather} if table_spec(table).of_weather else {})}
 
 
 def marker_path(key: ShardKey | str) -> Path:
@@ -102,7 +115,6 @@ class ShardWriter:
             ValueError: If `meta` has no or unknown keys.
         """
         self._root, self.key, self._meta = store_of(root), key, meta
-        self._fixed = {"scenario": key} if isinstance(key, str) else {"scenario": key.scenario, "weather": key.weather}
         self._file_meta = _file_meta(meta)
         self._files: dict[str, ParquetFileBuilder] = {}
 
@@ -124,8 +136,9 @@ class ShardWriter:
                     "is static; write it with write_scenario" if is_shard else "has frames; write it with write_shard"
                 )
                 raise ValueError(f"table {name!r} {text}")
-            table = _to_table(name, columns, self._fixed)
-            self._check(name, table)
+            fixed = _fixed_columns(name, self.key)
+            table = _to_table(name, columns, fixed)
+            self._check(name, table, fixed)
             if name not in self._files:
                 self._files[name] = ParquetFileBuilder(name, self.key.frame_begin if is_shard else 0, self._file_meta)
             self._files[name].add(table, frame_end)
@@ -149,9 +162,9 @@ class ShardWriter:
         encoded = ((name, file.rows, file.close()) for name, file in self._files.items())
         return _write_files(self._root, self.key, encoded, {**self._meta, "seconds": seconds}, more or {})
 
-    def _check(self, name: str, table: pa.Table) -> None:
+    def _check(self, name: str, table: pa.Table, fixed: Mapping[str, str]) -> None:
         """Check that a table holds no row of another shard."""
-        for column, value in self._fixed.items():
+        for column, value in fixed.items():
             found = table.column(column).cast(pa.string()).unique().to_pylist()
             if found not in ([], [value]):
                 raise ValueError(f"table {name!r}: {column} = {found}; this file is for {value!r}; give each its rows")

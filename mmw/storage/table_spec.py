@@ -66,10 +66,41 @@ class TableSpec:
     """Columns that together name a row; rows are sorted by them, in this order."""
     framed: bool = True
     """True: a file a shard. False: a file a scenario."""
+    by_weather: bool = True
+    """False: rows with frames that are the same in every weather; the shard of the first weather has the file."""
     frames_per_group: int = 0
     """Frames in one Parquet row group, which a reader must fetch for one row; 0 for groups of 65,536 rows."""
     level: int = 3
     """zstd level."""
+
+    @property
+    def of_weather(self) -> bool:
+        """True if each file is of one weather, after which its folder is named."""
+        return self.framed and self.by_weather
+
+    @property
+    def full_key(self) -> tuple[str, ...]:
+        """The key, with the columns that the folders of its files are named after."""
+        return ("scenario", *(("weather",) if self.of_weather else ()), *self.key)
+
+
+@dataclass(frozen=True)
+class ViewSpec:
+    """A table that is stored as others and joined when it is read; it has no file."""
+
+    name: str
+    doc: str
+    """Meaning of one row, in one sentence."""
+    columns: tuple[pa.Field, ...]
+    key: tuple[str, ...]
+    """Columns that together name a row; rows are sorted by them, in this order."""
+    tables: tuple[str, ...]
+    """Tables that it joins; each row of it has one of the first."""
+
+    @property
+    def full_key(self) -> tuple[str, ...]:
+        """The key, with scenario and weather."""
+        return ("scenario", "weather", *self.key)
 
 
 SCENARIO = column("scenario", NAME, "", "scenario name")

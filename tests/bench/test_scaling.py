@@ -207,4 +207,4 @@ def test_nothing_is_encoded(monkeypatch: pytest.MonkeyPatch) -> None:
     job = make_batch(config, config.scenarios[0], arrays, "cpu", 1, Discarding(1), StageTimer())
     rows: dict[str, Any] = {"sunny": defaultdict(list)}
     capture_frames(job, [0], rows)
-    assert {"rgb", "lidar", "radar", "paths"} <= set(rows["sunny"])
+    assert {"rgb", "lidar", "radar", "path_gains", "path_geometry"} <= set(rows["sunny"])

@@ -1,4 +1,4 @@
-"""Rows of the tables `paths`, `links` and `poses` as arrays of links."""
+"""Rows of the view `paths` and the tables `links` and `poses` as arrays of links."""
 
 import numpy as np
 import pandas as pd
@@ -9,12 +9,12 @@ import pytest
 from mmw.channel import CarrierPaths, PlanarArray, apply_arrays, rotations_from_poses, ula
 from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS
 from mmw.core.transforms import quaternion_to_matrix
-from mmw.storage.schemas import table_spec
+from mmw.storage.schemas import table_spec, views
 from tests.fixtures.path_tables import link_table, path_table, pose_table
 
 
 def test_columns_are_those_of_the_tables() -> None:
-    assert set(PATH_COLUMNS) <= {column.name for column in table_spec("paths").columns}
+    assert set(PATH_COLUMNS) <= {column.name for column in views()["paths"].columns}
     assert set(LINK_COLUMNS) <= {column.name for column in table_spec("links").columns}
 
 
@@ -50,7 +50,10 @@ def test_links_without_paths_come_from_the_links_table() -> None:
     links = link_table(table)
     alone, paths = CarrierPaths.from_table(table, 28e9), CarrierPaths.from_table(table, 28e9, links)
     assert paths.link_count == alone.link_count + 1
-    assert paths.keys[0].tolist() == ("town_a", "sunny", 9, "cav_1", "rsu_1") and paths.path_count[0] == 0
+    assert (
+        paths.keys[0].tolist() == ("town_a", "sunny", 9, "cav_1", "rsu_1", "antenna", "roof")
+        and paths.path_count[0] == 0
+    )
     kept = links.filter(pc.equal(links["carrier_hz"], 28e9))
     assert [tuple(row.values())[:-1] for row in kept.to_pylist()] == paths.keys.tolist()
     by_row = dict(zip(alone.row, alone.keys[alone.link], strict=True))

@@ -10,7 +10,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_table import KEY_TYPE, SAMPLE_COLUMNS, CarrierPaths
 from mmw.channel.path_tracks import PathTracks, tracks_from_paths, tracks_from_rows, tracks_from_table
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
-from mmw.channel.rows import link_rows, path_rows
+from mmw.channel.rows import link_rows
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import pose_from_ypr
 from mmw.scene.scene_data import SceneData
@@ -18,6 +18,7 @@ from tests.fixtures.antennas import antenna_at
 from tests.fixtures.path_tables import CARRIER, path_table, sight
 from tests.fixtures.scenes import pose
 from tests.oracles.channel import channel, solve, traffic
+from tests.oracles.path_rows import path_rows
 
 FRAMES = 61
 EXACT = SAMPLE_COLUMNS[1:]
@@ -45,9 +46,12 @@ def trace(arrays: SceneData, device: str) -> tuple[Links, PathSet]:
 
 
 def both_tables(arrays: SceneData, links: Links, paths: PathSet) -> tuple[pa.Table, pa.Table]:
-    """Return rows of the tables `paths` and `links`, as a run writes them."""
+    """Return rows of the view `paths` and the table `links`, as a run makes them."""
     tables, agents = [], [actor.name for actor in arrays.actors]
-    for columns in (path_rows(agents, links, paths, "sunny"), link_rows(agents, ("v2i", "v2v"), links, paths, "sunny")):
+    for columns in (
+        path_rows(agents, links, paths, "sunny"),
+        link_rows(agents, ("antenna",), ("v2i", "v2v"), links, paths, "sunny"),
+    ):
         count = len(columns["frame"])
         tables.append(pa.table({"scenario": ["town"] * count, "weather": ["sunny"] * count, **columns}))
     return tables[0], tables[1]
@@ -66,6 +70,7 @@ def random_table(seed: int = 3, frames: int = 40) -> pa.Table:
         "weather": ["sunny"] * len(frame),
         "carrier_hz": [CARRIER] * len(frame),
     }
+    columns |= {"peer_antenna": ["antenna"] * len(frame)}
     columns |= {"frame": frame, "agent": [ends[k][0] for k in link], "peer": [ends[k][1] for k in link]}
     return pa.table({**columns, "path_id": np.array([7, -5, 2**62 + 1, 2**62 + 2])[name]})
 
@@ -134,7 +139,7 @@ def test_table_and_memory_give_the_same_tracks(device: str) -> None:
     table, link_table = both_tables(arrays, links, paths)
     for carrier in (CARRIER, 4.9e9):
         names = [actor.name for actor in arrays.actors]
-        memory = tracks_from_paths(links, paths, "sunny", carrier, names, "town")
+        memory = tracks_from_paths(links, paths, "sunny", carrier, names, "town", ("antenna",))
         stored = tracks_from_table(table, carrier, link_table)
         for field in fields(PathTracks):
             if field.name != "row":
@@ -276,7 +281,7 @@ def test_times_and_links_are_laid_out() -> None:
 def test_a_link_without_paths_is_there() -> None:
     links = np.empty(3, dtype=KEY_TYPE)
     for k in range(3):
-        links[k] = ("town", "sunny", k, "cav_1", "rsu_1")
+        links[k] = ("town", "sunny", k, "cav_1", "rsu_1", "antenna", "antenna")
     nothing = replace(moving_sight(np.arange(0)), keys=links)
     tracks = tracks_from_rows(nothing, np.zeros(0, dtype=np.int64))
     assert len(tracks) == 0 and tracks.frames.tolist() == [0, 1, 2] and tracks.alive().tolist() == [0, 0, 0]

@@ -153,9 +153,11 @@ def test_depth_image_opens_in_any_reader(root):
 
 
 def test_metadata_reaches_duckdb(root):
-    file = str(next((root / "paths").rglob("*.parquet"))).replace("[", "[[]").replace("*", "[*]").replace("'", "''")
+    file = (
+        str(next((root / "path_gains").rglob("*.parquet"))).replace("[", "[[]").replace("*", "[*]").replace("'", "''")
+    )
     query = f"SELECT decode(value) FROM parquet_kv_metadata('{file}') WHERE decode(key) = 'mmw.table'"
-    assert connect(root).execute(query).fetchall() == [("paths",)]
+    assert connect(root).execute(query).fetchall() == [("path_gains",)]
 
 
 def test_info_and_errors(root, tmp_path):

@@ -16,6 +16,7 @@ import mmw
 from mmw.cli.run import main as run_main
 from mmw.core.errors import Error
 from mmw.dataset.export.registry import EXPORTERS
+from mmw.storage.schemas import TABLES
 from tests.fixtures.edit_files import agree
 from tests.fixtures.own_world import write_own_world
 from tests.fuzz.cases import Step, call, command
@@ -73,8 +74,9 @@ class Datasets:
         elif more < 0.11:
             steps.append(command("render", str(root), "--out", str(folder / "pictures"), "--device", "cpu"))
         elif more < 0.3:
-            table = rng.choice(("lidar", "rgb", "paths", "imu", "poses", "boxes"))
-            where = ("frame=1", "weather=sunny", "--device", "cpu", "--out", str(folder / "rows.jsonl"))
+            table = rng.choice(("lidar", "rgb", "path_gains", "path_geometry", "imu", "poses", "boxes"))
+            weather = ("weather=sunny",) if TABLES[table].by_weather else ()
+            where = ("frame=1", *weather, "--device", "cpu", "--out", str(folder / "rows.jsonl"))
             steps.append(command("regenerate", table, str(root), *where))
         elif more < 0.4:
             steps.append(command("finalize", str(root)))
@@ -258,7 +260,7 @@ _TABLES = (_retype, _retype, _revalue, _revalue, _revalue, _columns, _columns, _
 
 def read_all(root: Path) -> None:
     data = mmw.open(root)
-    for table in data.tables:
+    for table in (*data.tables, *data.views):
         data.read(table)
     data.numpy("poses")
     data.paths(28e9)

@@ -56,7 +56,8 @@ def test_every_table_is_there_and_complete(dataset: Path) -> None:
     assert counts["imu"] == frames * weathers * cavs
     assert counts["boxes"] == frames * weathers * 20
     assert counts["links"] == frames * weathers * carriers * (cavs * rsus + cavs * (cavs - 1))
-    assert counts["paths"] > counts["links"]
+    assert counts["path_gains"] == counts["path_geometry"] * weathers * carriers > counts["links"]
+    assert connect(dataset).sql("SELECT count(*) FROM paths").fetchall() == [(counts["path_gains"],)]
     assert counts["sensors"] == cavs * 3 + rsus * 3
     assert verify(dataset) == []
 
@@ -103,7 +104,7 @@ def test_provenance(dataset: Path) -> None:
     assert head["config"]["seed"] == 42
     assert head["versions"]["packages"]["warp-lang"]
     assert set(head["versions"]["sources"]["town03_roundabout"]) == {"town03.usda", "geometry.usdc"}
-    table = pq.read_schema(next((dataset / "paths").rglob("*.parquet")))
+    table = pq.read_schema(next((dataset / "path_geometry").rglob("*.parquet")))
     assert table.metadata[b"mmw.config_sha256"].decode() == head["config_sha256"]
 
 

@@ -19,6 +19,7 @@ from mmw.dataset.windows import Feature, WindowSpec, open_windows
 from mmw.generation.estimate import frame_cost
 from mmw.scene.prepare import make_tracks
 from mmw.scene.sources import scenario_source
+from mmw.storage.schemas import TABLES
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.viz.report.inventory import take_inventory
 from mmw.viz.report.page import make_report
@@ -197,8 +198,9 @@ def test_report_status_and_regenerated_rows(fast: Path, tmp_path: Path, capsys: 
     assert take_inventory(fast).link_frames("mine") == range(0, 90, 4)
     assert main(["status", str(fast)]) == 0
     capsys.readouterr()
-    for table, frame in (("imu", 2), ("gnss", 34), ("paths", 44), ("poses", 89)):
-        where = ["scenario=mine", "weather=sunny", f"frame={frame}"]
+    for table, frame in (("imu", 2), ("gnss", 34), ("path_gains", 44), ("path_geometry", 44), ("poses", 89)):
+        weather = ["weather=sunny"] if TABLES[table].by_weather else []
+        where = ["scenario=mine", *weather, f"frame={frame}"]
         assert main(["regenerate", "--compare", table, str(fast), *where, "--device", "cpu"]) == 0
         assert "rows are equal" in capsys.readouterr().out
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mmw.channel.rows import link_rows, path_rows
+from mmw.channel.rows import link_rows
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.kinematics import differentiate
@@ -15,6 +15,7 @@ from mmw.scene.scene_data import SceneData
 from tests.fixtures.antennas import antenna_at
 from tests.fixtures.scenes import arrays_from_parts, pose, two_cars, wall_part
 from tests.oracles.channel import link_scene, solve
+from tests.oracles.path_rows import path_rows
 
 
 def agents_of(arrays: SceneData) -> list[str]:
@@ -30,8 +31,9 @@ def test_link_statistics_are_those_of_their_paths() -> None:
     arrays = two_cars(3)
     config = ChannelConfig(candidates="exhaustive", links=("v2i",))
     links, paths = solve(arrays, config, "cpu", [1, 2])
-    rows = link_rows(agents_of(arrays), ("v2i",), links, paths, "sunny")
+    rows = link_rows(agents_of(arrays), ("antenna",), ("v2i",), links, paths, "sunny")
     each = path_rows(agents_of(arrays), links, paths, "sunny")
+    assert rows["carrier"].tolist() == [0, 1, 0, 1]
     assert rows["frame"].tolist() == [1, 1, 2, 2] and rows["carrier_hz"].tolist() == [28e9, 4.9e9] * 2
     for k in range(4):
         own = (each["frame"] == rows["frame"][k]) & (each["carrier_hz"] == rows["carrier_hz"][k])
@@ -50,9 +52,8 @@ def test_link_statistics_are_those_of_their_paths() -> None:
 
 def test_link_without_power_has_no_statistics() -> None:
     arrays = link_scene([wall_part("wall", (0.0, -500.0), (0.0, 500.0), 300.0)], (-10, 0), (10, 0))
-    rows = link_rows(
-        agents_of(arrays), ("v2i",), *solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu"), "sunny"
-    )
+    solved = solve(arrays, ChannelConfig(candidates="exhaustive"), "cpu")
+    rows = link_rows(agents_of(arrays), ("antenna",), ("v2i",), *solved, "sunny")
     assert rows["path_count"].tolist() == [0, 0] and rows["is_los"].tolist() == [False, False]
     for name in ("gain_db", "mean_delay_s", "rms_delay_s", "doppler_spread_hz"):
         assert rows[name].null_count == 2

@@ -21,10 +21,11 @@ from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import TABLES, table_spec
 from mmw.storage.shard_writer import ShardKey, marker_path, table_path, write_scenario, write_shard
 from tests.fixtures.edit_files import edit_bytes, edit_json
-from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics
+from tests.fixtures.shards import IDENTITY, META, make_shard, make_statics, of_shard
 
-FILES = 6 * sum(table.framed for table in TABLES.values()) + 3
-"""Parquet files of the six shards below, each with every framed table, and of the scenario's three static tables."""
+FILES = 6 * sum(table.of_weather for table in TABLES.values()) + 3 * 1 + 3
+"""Parquet files of the six shards below, each with every framed table but the one that is the same in both weathers,
+which three have, and of the scenario's three static tables."""
 KEYS = [ShardKey("town_a", weather, begin, begin + 5) for weather in ("rainy", "sunny") for begin in (0, 5, 10)]
 
 
@@ -38,7 +39,12 @@ def write_all(root: Path) -> None:
     for name in pending_scenarios(root, ["town_a"]):
         write_scenario(root, name, make_statics(), META)
     for key in pending_shards(root, KEYS):
-        write_shard(root, key, make_shard(key), META)
+        write_shard(root, key, rows_of(key), META)
+
+
+def rows_of(key: ShardKey) -> dict:
+    """Return the rows of a shard; `rainy` is the first weather."""
+    return of_shard(make_shard(key), key, "rainy")
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +70,10 @@ def test_layout_and_marker(root):
     assert table_path("objects", "town_a") == Path("objects/scenario=town_a/part-000000.parquet")
     marker = json.loads((root / "_shards" / "town_a.sunny.000005.json").read_text())
     assert marker["scenario"] == "town_a" and (marker["frame_begin"], marker["frame_end"]) == (5, 10)
-    assert {file["table"] for file in marker["files"]} == set(make_shard(key))
+    assert {file["table"] for file in marker["files"]} == set(make_shard(key)) - {"path_geometry"}
+    assert table_path("path_geometry", key) == Path("path_geometry/scenario=town_a/part-000005.parquet")
+    first = json.loads((root / "_shards" / "town_a.rainy.000005.json").read_text())
+    assert {file["table"] for file in first["files"]} == set(make_shard(key))
     for file in marker["files"]:
         metadata = pq.read_metadata(root / file["path"])
         assert metadata.num_rows == file["rows"]
@@ -82,8 +91,8 @@ def test_lidar_row_group_is_one_frame(root):
 def test_threads_write_the_same_as_one(root, tmp_path):
     prepare(tmp_path / "threads")
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda key: write_shard(tmp_path / "threads", key, make_shard(key), META), KEYS))
-    framed = {path: data for path, data in parquet_bytes(root).items() if "weather=" in path}
+        list(pool.map(lambda key: write_shard(tmp_path / "threads", key, rows_of(key), META), KEYS))
+    framed = {path: data for path, data in parquet_bytes(root).items() if TABLES[path.partition("/")[0]].framed}
     assert parquet_bytes(tmp_path / "threads") == framed
     assert pending_shards(tmp_path / "threads", KEYS) == []
 
@@ -92,7 +101,8 @@ def test_threads_write_the_same_as_one(root, tmp_path):
 def test_batches_of_any_size_give_the_same_bytes(root, tmp_path, name):
     """A shard put together from tables of one frame each, in any order, is the shard made at once."""
     key = KEYS[0]
-    columns = {"scenario": key.scenario, "weather": key.weather, **make_shard(key)[name]}
+    weather = {"weather": key.weather} if TABLES[name].by_weather else {}
+    columns = {"scenario": key.scenario, **weather, **make_shard(key)[name]}
     whole = table_from_columns(name, columns)
     frame = np.asarray(whole.column("frame"))
     parts = [whole.filter(pa.array(frame == number)) for number in (3, 1, 0, 2, 4)]
@@ -140,7 +150,7 @@ def test_damaged_shard_is_pending_and_repaired(root, damage):
 def test_verify_finds_everything(root):
     finalize(root)
     assert verify(root) == []
-    files = [root / table_path(name, KEYS[0]) for name in ("poses", "imu", "paths", "links", "frames")]
+    files = [root / table_path(name, KEYS[0]) for name in ("poses", "imu", "path_gains", "links", "frames")]
     files[0].unlink()
     edit_bytes(files[1], lambda data: data[:-1])
     edit_bytes(files[2], lambda data: data[:999] + bytes([data[999] ^ 1]) + data[1000:])
@@ -153,8 +163,19 @@ def test_verify_finds_everything(root):
     findings = verify(root)
     kinds = {finding.kind: finding.path for finding in findings}
     assert set(kinds) == {"missing", "size", "sha256", "rows", "marker", "manifest", "orphan", "temporary"}
-    assert kinds["missing"].startswith("poses/") and kinds["sha256"].startswith("paths/")
+    assert kinds["missing"].startswith("poses/") and kinds["sha256"].startswith("path_gains/")
     assert {finding.kind for finding in findings if not finding.is_error} == {"temporary"}
+
+
+def test_a_file_of_all_weathers_is_the_first_weathers(root):
+    """It is repaired with the first weather's shard, and a second marker that lists it is wrong."""
+    path = root / table_path("path_geometry", KEYS[0])
+    path.unlink()
+    assert pending_shards(root, KEYS) == [KEYS[0]]
+    assert [finding.path for finding in verify(root)] == [path.relative_to(root).as_posix()]
+    write_all(root)
+    write_shard(root, KEYS[3], make_shard(KEYS[3]), META)  # sunny, with the same frames
+    assert [(finding.kind, finding.text) for finding in verify(root)] == [("marker", "two markers list the file")]
 
 
 def test_finalize_lists_and_counts(root):
@@ -220,12 +241,12 @@ def test_full_disk_is_one_clear_error(root, monkeypatch, code):
     with monkeypatch.context() as patch:
         patch.setattr(publish.os, "fsync", full)
         with pytest.raises(OutOfSpaceError, match=r"weather=sunny: no space left.*bytes needed.*free;.*resumes"):
-            write_shard(root, key, make_shard(key), META)
+            write_shard(root, key, rows_of(key), META)
     assert not list(root.rglob(".*.tmp"))
     assert {path: data for path, data in parquet_bytes(root).items() if path in before} == before
     assert [finding.kind for finding in verify(root)] == ["orphan"] * 2
     assert pending_shards(root, [*KEYS, key]) == [key]
-    write_shard(root, key, make_shard(key), META)
+    write_shard(root, key, rows_of(key), META)
     assert verify(root) == []
 
 

@@ -19,13 +19,11 @@ from mmw.storage.shard_writer import ShardKey, write_shard
 from tests.fixtures.shards import META, make_shard, make_statics
 
 KEY = ShardKey("town_a", "sunny", 100, 103)
-FRAMED = {"scenario": "town_a", "weather": "sunny"}
 
 
 def columns(name: str) -> dict:
-    return (
-        {**FRAMED, **make_shard(KEY)[name]} if TABLES[name].framed else {"scenario": "town_a", **make_statics()[name]}
-    )
+    rows = make_shard(KEY)[name] if TABLES[name].framed else make_statics()[name]
+    return {"scenario": "town_a", **({"weather": "sunny"} if TABLES[name].of_weather else {}), **rows}
 
 
 def assert_same_encoding(one: pa.Table, other: pa.Table) -> None:
@@ -147,15 +145,15 @@ def test_nan_in_a_list_is_refused():
 
 def test_row_order_does_not_matter():
     """Rows given in any order come out sorted by the key, dictionaries included: the very same table."""
-    given = columns("paths")
-    table = table_from_columns("paths", given)
+    given = columns("path_geometry")
+    table = table_from_columns("path_geometry", given)
     order = np.random.default_rng(0).permutation(table.num_rows)
     shuffled = {
         name: values if isinstance(values, str) else [values[i] for i in order] for name, values in given.items()
     }
-    again = table_from_columns("paths", shuffled)
+    again = table_from_columns("path_geometry", shuffled)
     assert_same_encoding(again, table)
-    keys = list(zip(*(again.column(name).to_pylist() for name in TABLES["paths"].key), strict=True))
+    keys = list(zip(*(again.column(name).to_pylist() for name in TABLES["path_geometry"].key), strict=True))
     assert keys == sorted(keys)
 
 
@@ -188,8 +186,8 @@ def test_rows_with_one_key_are_named_wherever_they_stand():
 
 
 def test_empty_table_is_a_table():
-    empty = {name: [] for name in (field.name for field in TABLES["paths"].columns)}
-    assert table_from_columns("paths", empty).num_rows == 0
+    empty = {name: [] for name in (field.name for field in TABLES["path_gains"].columns)}
+    assert table_from_columns("path_gains", empty).num_rows == 0
 
 
 def test_depth_image_round_trip():

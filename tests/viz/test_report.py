@@ -296,7 +296,7 @@ def test_an_unfinished_dataset_says_so(tmp_path) -> None:
 
 def test_a_dataset_without_tables_or_shards(tmp_path) -> None:
     root = copy_of(small_dataset(), tmp_path / "d")
-    for name in ("links", "paths", "rgb"):
+    for name in ("links", "path_gains", "path_geometry", "rgb"):
         shutil.rmtree(root / name)
     (root / "config.yaml").unlink()
     page = page_of(root, tmp_path / "page.html")

@@ -67,7 +67,7 @@ def test_a_dataset_without_rows_is_one_line(tmp_path: Path) -> None:
 
 def test_tables_that_are_missing_are_named_in_one_line(tmp_path: Path) -> None:
     root = copy_of(small_dataset(), tmp_path / "few")
-    for name in ("lidar", "links", "paths", "rgb"):
+    for name in ("lidar", "links", "path_gains", "rgb"):
         (root / name).rename(tmp_path / name)
     notes = save(choose_scope(open_dataset(root), frames=range(1)), FLAT, tmp_path / "few.rrd")
     assert notes == ["the dataset has no lidar, rgb, links, paths: not shown"]
@@ -94,7 +94,7 @@ def test_a_dataset_elsewhere_is_shown_without_its_town(tmp_path: Path) -> None:
 
 def test_an_agent_that_leaves_is_cleared_with_its_links(tmp_path: Path) -> None:
     root = copy_of(small_dataset(), tmp_path / "left")
-    for table in ("poses", "links", "paths", "lidar", "depth", "rgb"):
+    for table in ("poses", "links", "path_gains", "lidar", "depth", "rgb"):
         name = part(table, frame=2)
         if (root / name).exists():
             rewrite(root, name, lambda rows: rows.filter(pc.not_equal(rows.column("agent").cast("string"), "cav_2")))

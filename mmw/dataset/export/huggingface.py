@@ -3,12 +3,14 @@
     OUT/README.md                                   dataset card: configurations, columns, provenance
     OUT/config.yaml, dataset.json                   configuration to generate it again, and its provenance
     OUT/rgb/town03_roundabout.sunny.000000.parquet  rows of 100 frames of one scenario in one weather
+    OUT/path_geometry/town03_roundabout.000000.parquet  rows of 100 frames that are the same in every weather
     OUT/sensors/town03_roundabout.parquet           rows of a static table
 
     datasets.load_dataset(OUT, "rgb", split="train", streaming=True)
 
-Images are image features, lists are lists, names are strings; keys are columns, so no folder name matters. Files are
-those of the dataset, byte for byte. Where frames or agents are picked, or a column of images is not nullable, which
+The view `paths` has no configuration: `path_gains` and `path_geometry` have one each, and join on the keys that both
+have. Images are image features, lists are lists, names are strings; keys are columns, so no folder name matters. Files
+are those of the dataset, byte for byte. Where frames or agents are picked, or a column of images is not nullable, which
 `datasets` would show as dictionaries, rows are written again with the same encodings.
 
 Losses: those of `FORMAT` below.
@@ -54,6 +56,8 @@ SIZES = (
 def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task]:
     """Return one task a shard, one a scenario for its static tables, and one for the provenance.
 
+    What is the same in every weather is a shard of its own, whose name has no weather.
+
     Raises:
         InputError: If nothing is left of the selection, the dataset is not in a local folder, or a file is missing.
     """
@@ -68,25 +72,32 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     picked = parts(dataset, selection)
     for name in sorted({part.scenario for part in picked}):
         weathers = [part.weather for part in picked if part.scenario == name]
-        files = dict(_files(dataset, f"scenario={name}"))
+        frames = sorted({frame for part in picked if part.scenario == name for frame in part.frames})
+        files = dict(_files(dataset, f"scenario={name}", framed=False))
         picks = {"weather": weathers if selection.weathers else None, "agent": selection.agents}
         planned.append(Task(name, partial(_write, dataset, files, name, picks)))
+        planned += _shard_tasks(dataset, f"scenario={name}", frames, selection)
     for part in picked:
-        picks = {"frame": part.frames if selection.frames is not None else None, "agent": selection.agents}
-        shards: dict[str, dict[str, Path]] = {}
-        for table, path in _files(dataset, f"scenario={part.scenario}/weather={part.weather}"):
-            shards.setdefault(path.stem.removeprefix("part-"), {})[table] = path
-        begins = sorted(shards)
-        for begin, after in zip(begins, [*begins[1:], None], strict=True):
-            if any(int(begin) <= frame and (after is None or frame < int(after)) for frame in part.frames):
-                name = f"{part.scenario}.{part.weather}.{begin}"
-                planned.append(Task(name, partial(_write, dataset, shards[begin], name, picks)))
+        planned += _shard_tasks(dataset, f"scenario={part.scenario}/weather={part.weather}", part.frames, selection)
     return planned
 
 
-def _files(dataset: Dataset, folder: str) -> Iterable[tuple[str, Path]]:
-    """Yield table and path of the published files in a folder of every table."""
-    for table in dataset.tables:
+def _shard_tasks(dataset: Dataset, folder: str, frames: Sequence[int], selection: Selection) -> Iterable[Task]:
+    """Yield a task for each shard in a folder of the tables with frames that has some of these."""
+    picks = {"frame": frames if selection.frames is not None else None, "agent": selection.agents}
+    shards: dict[str, dict[str, Path]] = {}
+    for table, path in _files(dataset, folder, framed=True):
+        shards.setdefault(path.stem.removeprefix("part-"), {})[table] = path
+    begins, names = sorted(shards), [part.partition("=")[2] for part in folder.split("/")]
+    for begin, after in zip(begins, [*begins[1:], None], strict=True):
+        if any(int(begin) <= frame and (after is None or frame < int(after)) for frame in frames):
+            name = ".".join([*names, begin])
+            yield Task(name, partial(_write, dataset, shards[begin], name, picks))
+
+
+def _files(dataset: Dataset, folder: str, *, framed: bool) -> Iterable[tuple[str, Path]]:
+    """Yield table and path of the published files in a folder of every table with frames, or of the others."""
+    for table in (name for name in dataset.tables if dataset.spec(name).framed == framed):
         for path in map(Path, dataset.check_files(table)):
             if path.parent == dataset.root / table / folder:
                 yield table, path
@@ -205,7 +216,8 @@ def card(dataset: Dataset, picked: list[Part], counts: dict[str, dict[str, int]]
         "```",
         "",
         "Stream it: without `streaming=True` everything is copied into a cache first. Tables join on the key columns "
-        "that they share: scenario, weather, frame, agent, and on object_id.",
+        "that they share: scenario, weather, frame, agent, and on object_id. A path is a row of `path_geometry`, and "
+        "one of `path_gains` for each weather and carrier.",
         "",
         "## Provenance",
         "",

@@ -37,11 +37,16 @@ def read_antennas(dataset: Dataset, part: Part) -> Antennas:
     """Return the poses and velocities of the antennas.
 
     Raises:
-        InputError: If an agent has no antenna in table `sensors`.
+        InputError: If an agent has no antenna in table `sensors`, or several, which the radio formats do not know.
     """
     sensors = dataset.read("sensors", scenario=part.scenario)
     sensors = sensors.filter(pc.equal(sensors["type"].cast(pa.string()), "antenna")).to_pylist()
     mounts = {row["agent"]: np.array([row[name] for name in POSE_COLUMNS]) for row in sensors}
+    if len(mounts) < len(sensors):
+        raise InputError(
+            f"{dataset.root}: table sensors has {len(sensors)} antennas of {len(mounts)} agents; radio formats know "
+            "one antenna an agent; read `paths` with mmw.open, or make a dataset with one antenna"
+        )
     rows = Block(dataset, part.scenario, part.weather, part.frames).table("poses")
     agents = rows["agent"].to_pylist()
     lost = sorted(set(agents) - set(mounts))

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 
 from mmw.channel.antennas.array_response import POSE_COLUMNS, rotations_from_poses
 from mmw.channel.antennas.patterns import PATTERNS
-from mmw.channel.path_table import CarrierPaths
+from mmw.channel.path_table import LINK_COLUMNS, CarrierPaths
 from mmw.channel.response import frequency_response
 from mmw.core.errors import InputError
 from mmw.dataset.beams import BeamSearch
@@ -26,7 +26,7 @@ from mmw.storage.atomic_files import write_bytes_atomically
 if TYPE_CHECKING:
     from mmw.dataset import Dataset
 
-LINK = ("frame", "agent", "peer", "carrier_hz", "link")
+LINK = ("frame", "agent", "peer", "antenna", "peer_antenna", "carrier_hz", "link")
 
 
 def link_source(dataset: "Dataset", feature: Feature, tracks: Sequence[Track], cache: Path | None) -> RowSource:
@@ -48,7 +48,7 @@ def link_source(dataset: "Dataset", feature: Feature, tracks: Sequence[Track], c
             pc.equal(rows.column("peer").cast(pa.string()), peer or ""),
             pc.is_in(rows.column("agent").cast(pa.string()), pa.array(list(agents), pa.string())),
         )
-        rows = rows.filter(own)
+        rows = of_antennas(feature, rows.filter(own), scenario)
         frames = rows.column("frame").to_numpy().astype(np.int64)
         for (agent,), some in groups(rows, ("agent",)).items():
             track = tracks[agents[agent]]
@@ -106,11 +106,29 @@ def one_peer(feature: Feature, rows: pa.Table, scenario: str) -> str | None:
     return known[0] if known else None
 
 
+def of_antennas(feature: Feature, rows: pa.Table, scenario: str) -> pa.Table:
+    """Return the rows of links between the antennas of a feature.
+
+    Raises:
+        InputError: If an end has several and none is named.
+    """
+    for column in ("antenna", "peer_antenna"):
+        names = rows.column(column).cast(pa.string())
+        known, wanted = sorted(pc.unique(names).to_pylist()), getattr(feature, column)
+        if wanted is None and len(known) > 1:
+            raise InputError(
+                f"Feature({feature.modality!r}): links of {scenario} have {', '.join(known)}; name one as `{column}`"
+            )
+        if wanted is not None:
+            rows = rows.filter(pc.equal(names, wanted))
+    return rows
+
+
 def _paths_of(dataset: "Dataset", rows: pa.Table, carrier: float, scenario: str, weather: str) -> CarrierPaths:
     """Return the paths of rows of `links`; link n of the result is row n."""
     paths = dataset.paths(carrier, scenario=scenario, weather=weather)
-    place = {(frame, agent, peer): n for n, (_, _, frame, agent, peer) in enumerate(paths.keys.tolist())}
-    wanted = zip(*(rows.column(name).to_pylist() for name in ("frame", "agent", "peer")), strict=True)
+    place = {tuple(key): n for n, (_, _, *key) in enumerate(paths.keys.tolist())}
+    wanted = zip(*(rows.column(name).to_pylist() for name in LINK_COLUMNS[2:-1]), strict=True)
     return paths.take(np.array([place[key] for key in wanted], dtype=np.int64))
 
 
@@ -121,7 +139,7 @@ def _beams(
     """Return the best pair of beams and its gain of rows of `links`."""
     file = None
     if cache is not None:
-        links = list(zip(*(rows.column(name).to_pylist() for name in ("frame", "agent", "peer")), strict=True))
+        links = list(zip(*(rows.column(name).to_pylist() for name in LINK_COLUMNS[2:-1]), strict=True))
         made = [dataset.info[name] for name in ("config_sha256", "created_utc")]
         about = [*made, scenario, weather, carrier, search_text(search), links]
         file = cache / f"beams-{hashlib.sha256(json.dumps(about).encode()).hexdigest()[:32]}.parquet"

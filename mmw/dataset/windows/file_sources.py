@@ -194,7 +194,11 @@ def framed_files(dataset: "Dataset", table: str) -> list[tuple[str, str, int, st
     """
     opened = dataset.arrow(table)
     assert isinstance(opened, pds.FileSystemDataset)  # what Dataset.arrow opens
-    return [(*key, begin, part.path) for key, some in framed_parts(opened).items() for begin, part in some]
+    found = []
+    for (scenario, weather), some in framed_parts(opened).items():
+        assert weather is not None  # only `path_geometry`, which is no modality, has none
+        found += [(scenario, weather, begin, part.path) for begin, part in some]
+    return found
 
 
 def decode_points(columns: tuple[str, ...], batch: pa.RecordBatch, index: int) -> np.ndarray:

@@ -68,6 +68,10 @@ class Feature:
     """Largest age of a sample at its frame [frames]; None: up to the sensor's period, 0 without a sensor."""
     peer: str | None = None
     """Transmitter of the link; None is the only roadside unit of the scenario."""
+    antenna: str | None = None
+    """Antenna of the agent; None is the only one that its links have."""
+    peer_antenna: str | None = None
+    """Antenna of the transmitter; None is the only one."""
     carrier_hz: float | None = None
     """Carrier of the link [Hz]; None is the only one of the dataset."""
     search: BeamSearch = field(default_factory=BeamSearch)
@@ -101,6 +105,8 @@ class Feature:
         uses = {
             "sensor": (self.sensor is not None, self.modality in SENSORS),
             "peer": (self.peer is not None, self.modality in WITH_LINK),
+            "antenna": (self.antenna is not None, self.modality in WITH_LINK),
+            "peer_antenna": (self.peer_antenna is not None, self.modality in WITH_LINK),
             "carrier_hz": (self.carrier_hz is not None, self.modality in WITH_LINK),
             "columns": (self.columns is not None, kind in ("numbers", "points")),
             "shrink": (self.shrink != 1, kind == "rgb"),
@@ -121,8 +127,8 @@ class Feature:
     def shares_source_with(self, other: "Feature") -> bool:
         """Return whether both read the same samples, whatever their frames."""
         names = (
-            "modality", "sensor", "columns", "max_age_frames", "peer", "carrier_hz", "search", "frequencies_hz",
-            "shrink",
+            "modality", "sensor", "columns", "max_age_frames", "peer", "antenna", "peer_antenna", "carrier_hz",
+            "search", "frequencies_hz", "shrink",
         )  # fmt: skip
         return all(getattr(self, name) == getattr(other, name) for name in names)
 

@@ -238,7 +238,7 @@ def _shards(data: Dataset) -> dict[tuple[str, str], list[int]]:
 def _check_tables(data: Dataset, spec: WindowSpec) -> None:
     for feature in spec.all_features:
         needed = {feature.table, "poses"} | ({"links"} if feature.modality in WITH_LINK else set())
-        missing = sorted(needed - set(data.tables))
+        missing = sorted(needed - {*data.tables, *data.views})
         if missing:
             raise InputError(
                 f"{data.root}: Feature({feature.modality!r}) needs table {' and '.join(missing)}, which has no file; "

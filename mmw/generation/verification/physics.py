@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mmw.channel.tables import LINKS
 from mmw.config import Config
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.transforms import make_pose, quaternion_from_ypr
@@ -15,6 +16,7 @@ from mmw.dataset import Frame, open_dataset
 from mmw.dataset.camera_geometry import from_world, intrinsics_from_row, pose_from_row
 from mmw.storage.codecs.images import decode_depth
 from mmw.storage.finding import Finding
+from mmw.storage.schemas import TABLES
 
 GAIN_DB = 1e-3
 """Largest difference between a line of sight's transfer and Friis' formula [dB]; weather losses are stored rounded to
@@ -43,6 +45,18 @@ NEAREST_RETURNS, WINDOW_DEG = 6, 2.5
 SIGHT_SHARE = 0.1
 """Share of the lines of sight that may contradict depth images and LiDAR [-]: parallax, and poles and twigs
 between rays. Design value."""
+
+
+LINK_KEY = LINKS.key[1:]
+"""Columns that name a link at a carrier in a frame."""
+
+ENDS = (("agent", "antenna"), ("peer", "peer_antenna"))
+"""Columns that name the ends of a link: receiver, transmitter."""
+
+
+def _link_name(row: dict[str, Any]) -> str:
+    """Return the name of the link of a row, for people."""
+    return f"{row['agent']} from {row['peer']} at {row['carrier_hz'] / 1e9:g} GHz"
 
 
 def speed_of(row: dict[str, Any]) -> float:
@@ -76,7 +90,8 @@ def check_physics(root: str | Path, config: Config, frames_each: int = 5) -> lis
 
 def _place(here: Frame, table: str) -> str:
     """Return where rows of a table come from, for people."""
-    return f"{table}/scenario={here.scenario}/weather={here.weather} frame {here.frame}"
+    weather = f"/weather={here.weather}" if TABLES[table].by_weather else ""
+    return f"{table}/scenario={here.scenario}{weather} frame {here.frame}"
 
 
 def _choose_frames(config: Config, frames_each: int) -> Iterator[tuple[str, str, int]]:
@@ -94,21 +109,20 @@ def check_friis(here: Frame) -> Iterator[Finding]:
 
     Source: H. T. Friis, "A note on a simple transmission formula", Proc. IRE 34 (1946).
     """
-    paths = here.rows("paths")
-    sights: dict[tuple[str, str, float], dict[str, Any]] = {}
-    power: dict[tuple[str, str, float], float] = {}
-    for row in paths:
-        key = (row["agent"], row["peer"], row["carrier_hz"])
+    sights: dict[tuple, dict[str, Any]] = {}
+    power: dict[tuple, float] = {}
+    for row in here.rows("paths"):
+        key = tuple(row[name] for name in LINK_KEY)
         power[key] = power.get(key, 0.0) + row["a_re"] ** 2 + row["a_im"] ** 2
         if row["order"] == 0:
             sights[key] = row
-    for (agent, peer, carrier), row in sights.items():
-        ends = [here.agents[name].sensor_pose("antenna")[:3] for name in (agent, peer)]
+    for row in sights.values():
+        ends = [here.agents[row[one]].sensor_pose(row[antenna])[:3] for one, antenna in ENDS]
         distance = float(np.linalg.norm(ends[0] - ends[1]))
-        where = f"{agent} from {peer} at {carrier / 1e9:g} GHz"
+        where, carrier = _link_name(row), row["carrier_hz"]
         if not abs(row["tau_s"] - distance / SPEED_OF_LIGHT) <= DELAY_S:  # NaN is wrong too
             text = f"{where}: line of sight of {row['tau_s']:.6e} s; the antennas are {distance:.3f} m apart"
-            yield Finding("friis", _place(here, "paths"), text)
+            yield Finding("friis", _place(here, "path_geometry"), text)
         parts = [complex(row[f"t_{name}_re"], row[f"t_{name}_im"]) for name in ("tt", "tp", "pt", "pp")]
         values = np.linalg.svd(np.array(parts).reshape(2, 2), compute_uv=False)
         free = 20.0 * np.log10(SPEED_OF_LIGHT / carrier / (4.0 * np.pi * distance))
@@ -117,10 +131,9 @@ def check_friis(here: Frame) -> Iterator[Finding]:
             found = 20.0 * np.log10(values) + lost
         if not np.abs(found - free).max() <= GAIN_DB:
             text = f"{where}: line of sight of {found[0]:.3f} and {found[1]:.3f} dB; Friis gives {free:.3f} dB"
-            yield Finding("friis", _place(here, "paths"), text)
+            yield Finding("friis", _place(here, "path_gains"), text)
     for link in here.rows("links"):
-        key = (link["agent"], link["peer"], link["carrier_hz"])
-        where = f"{key[0]} from {key[1]} at {key[2] / 1e9:g} GHz"
+        key, where = tuple(link[name] for name in LINK_KEY), _link_name(link)
         if link["is_los"] != (key in sights):
             text = (
                 f"{where}: is_los is {link['is_los']}, but paths {'have' if key in sights else 'lack'} a line of sight"
@@ -161,18 +174,19 @@ def check_boxes(here: Frame) -> Iterator[Finding]:
 
 def judge_lines_of_sight(here: Frame) -> Iterator[tuple[bool, str]]:
     """Yield, for each link that a depth image or LiDAR of one of its ends can judge, whether `is_los` agrees."""
-    links = {(row["agent"], row["peer"]): row["is_los"] for row in here.rows("links")}
+    links = {tuple(row[name] for pair in ENDS for name in pair): row["is_los"] for row in here.rows("links")}
     if not links:
         return
     for name, sensor, is_free_in in (*_depth_observers(here), *_lidar_observers(here)):
         agent = here.agents[name]
-        mounts = [pose_from_row(agent.sensors[one])[:3] for one in (sensor, "antenna") if one in agent.sensors]
-        if len(mounts) < 2 or np.linalg.norm(mounts[0] - mounts[1]) > PARALLAX_M:
-            continue
-        for (rx, tx), is_los in links.items():
+        for (rx, rx_antenna, tx, tx_antenna), is_los in links.items():
             if name not in (rx, tx):
                 continue
-            other = here.agents[tx if name == rx else rx].sensor_pose("antenna")[:3]
+            own, other = (rx_antenna, (tx, tx_antenna)) if name == rx else (tx_antenna, (rx, rx_antenna))
+            mounts = [pose_from_row(agent.sensors[one])[:3] for one in (sensor, own) if one in agent.sensors]
+            if len(mounts) < 2 or np.linalg.norm(mounts[0] - mounts[1]) > PARALLAX_M:
+                continue
+            other = here.agents[other[0]].sensor_pose(other[1])[:3]
             is_free = is_free_in(from_world(agent.sensor_pose(sensor), other))
             if is_free is not None:
                 text = f"{rx} from {tx} in {_place(here, 'links')}: is_los is {is_los}, but {sensor} of {name} sees "

@@ -20,7 +20,7 @@ class RowName:
     table: str
     scenario: str
     weather: str | None
-    """None for a table without frames."""
+    """None for a table that is the same in every weather."""
     frame: int | None
     key: dict[str, Any]
     """The rest of the table's key."""
@@ -51,7 +51,8 @@ def choose_rows(root: Root, count: int, seed: int) -> list[RowName]:
         (key,) = store.read_columns(file["path"], table_spec(table).key).slice(row, 1).to_pylist()
         frame = key.pop("frame", None)
         device = str(marker.get("device") or "")
-        name = RowName(table, marker["scenario"], marker["weather"], frame, key, file["path"], device)
+        weather = marker["weather"] if table_spec(table).of_weather else None
+        name = RowName(table, marker["scenario"], weather, frame, key, file["path"], device)
         found[f"{table} {name}"] = name
     return sorted(found.values(), key=lambda name: (name.scenario, str(name.weather), name.frame or 0, name.table))
 

@@ -8,7 +8,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from mmw.channel.tables import LINKS, PATH_GAINS, PATH_GEOMETRY
 from mmw.config import Config
+from mmw.config.agent_keys import AgentIdentity
 from mmw.config.sensor_spec import spec_of
 from mmw.scene.actor_counts import BODY_COLUMNS, COUNTED, ROLE_COLUMNS
 from mmw.storage.row_checks import SHARD, Names
@@ -28,8 +30,9 @@ KEY_OF = {
     "frames": ("frame",),
     "poses": ("frame", "role"),
     "boxes": ("frame",),
-    "links": ("frame", "agent", "peer", "carrier_hz"),
-    "paths": ("frame", "agent", "peer", "carrier_hz"),
+    "links": LINKS.key,
+    "path_geometry": PATH_GEOMETRY.key,
+    "path_gains": PATH_GAINS.key,
     "box_visibility": ("frame", "agent", "sensor", "object_id"),
 }
 """Table -> columns by which its rows are counted; those of sensors have `SAMPLE_KEY`."""
@@ -46,23 +49,31 @@ COLUMNS = {
 
 TYPES = {
     SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.int32(), "peer": pa.int32(), "sensor": pa.int32(),
-    "role": pa.int32(), "object_id": pa.int32(), "carrier_hz": pa.float64(), "pixels": pa.int64(),
+    "antenna": pa.int32(), "peer_antenna": pa.int32(), "role": pa.int32(), "object_id": pa.int32(),
+    "carrier": pa.int32(), "path": pa.int32(), "pixels": pa.int64(),
     "path_count": pa.int64(), **dict.fromkeys(COUNTED, pa.int64()), COUNT: pa.int64(),
 }  # fmt: skip
 """Column -> type in which it is compared; names are numbers, see `Names`."""
 
-TEXTS = ("agent", "peer", "sensor", "role", "weather")
+TEXTS = ("agent", "peer", "antenna", "peer_antenna", "sensor", "role", "weather")
 """Columns of names."""
 
 
 def count_rows(
-    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int, kinds: Kinds
+    config: Config,
+    frames: Sequence[range],
+    with_geometry: Sequence[bool],
+    tables: Tables,
+    names: Names,
+    rate_hz: int,
+    kinds: Kinds,
 ) -> Iterator[tuple[str, int, str]]:
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
     Args:
         config: Configuration of the dataset.
         frames: Frames of each shard; none for a shard that is not to be compared.
+        with_geometry: Whether each shard has the tables that are the same in every weather.
         tables: Their rows.
         names: Names whose numbers they hold.
         rate_hz: Frames a second.
@@ -71,7 +82,7 @@ def count_rows(
     Yields:
         Table, index of a shard, and what is wrong with it.
     """
-    for table, expected in _expected(config, frames, tables, names, rate_hz, kinds):
+    for table, expected in _expected(config, frames, with_geometry, tables, names, rate_hz, kinds):
         key = KEY_OF.get(table, SAMPLE_KEY)
         for shard, text in _differences(expected, _select(tables, table, (SHARD, *key)), names):
             yield table, shard, text
@@ -101,7 +112,13 @@ def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[
 
 
 def _expected(
-    config: Config, frames: Sequence[range], tables: Tables, names: Names, rate_hz: int, kinds: Kinds
+    config: Config,
+    frames: Sequence[range],
+    with_geometry: Sequence[bool],
+    tables: Tables,
+    names: Names,
+    rate_hz: int,
+    kinds: Kinds,
 ) -> Iterator[tuple[str, pa.Table]]:
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
@@ -116,11 +133,14 @@ def _expected(
     yield from _samples(config, poses, names, rate_hz, kinds)
     boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
     traced = poses.filter(pa.array(config.channel.is_due(poses["frame"].to_numpy(), rate_hz)))
-    yield "box_visibility", _visibility(config, tables, traced, boxes, names)
+    yield "box_visibility", _visibility(config, tables, traced, boxes, names, kinds)
     if config.channel.enabled:
-        yield "links", _links(config, traced, names)
+        yield "links", _links(config, traced, names, kinds)
         links = _select(tables, "links", (SHARD, *KEY_OF["links"], "path_count"))
-        yield "paths", _counted({name: links[name] for name in (SHARD, *KEY_OF["paths"])}, links["path_count"])
+        yield "path_gains", _paths(links, "path_gains")
+        is_first = pc.equal(links["carrier"], 0)
+        has = pc.is_in(links[SHARD], pa.array(np.flatnonzero(with_geometry), TYPES[SHARD]))
+        yield "path_geometry", _paths(links.filter(pc.and_(is_first, has)), "path_geometry")
 
 
 def _counted(columns: Mapping[str, Any], count: Any) -> pa.Table:
@@ -143,11 +163,10 @@ def _samples(
     """Yield the tables of sensors with a number of rows for each sample, and that number."""
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
-    agents = poses.group_by(["role", "agent"], use_threads=False).aggregate([]).to_pylist()
-    numbers = {row["agent"]: (names.texts[row["role"]], names.texts[row["agent"]]) for row in agents}
+    agents = _agents(poses, names, kinds)
     for sensor in config.sensors:
-        carriers = [number for number, agent in numbers.items() if sensor.is_on(*agent, *kinds.get(agent[1], ()))]
-        is_on = pc.is_in(poses["agent"], pa.array(carriers, TYPES["agent"]))
+        carriers = [one.name for one in agents if sensor.is_on(*one.identity)]
+        is_on = pc.is_in(poses["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
         is_due = pc.and_(is_on, pa.array(sensor.is_due(frame, rate_hz)))
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
@@ -156,7 +175,9 @@ def _samples(
         yield table, pa.concat_tables(parts)
 
 
-def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Table, names: Names) -> pa.Table:
+def _visibility(
+    config: Config, tables: Tables, traced: pa.Table, boxes: pa.Table, names: Names, kinds: Kinds
+) -> pa.Table:
     """Return the rows of `box_visibility`: boxes on which a sensor has a return, a point or a pixel; all for antennas
     in the frames of the channel, whose poses are `traced`.
 
@@ -180,19 +201,47 @@ def _visibility(config: Config, tables: Tables, traced: pa.Table, boxes: pa.Tabl
         own = traced.select([SHARD, "frame", "agent", "object_id"]).rename_columns([SHARD, "frame", "agent", "own"])
         pairs = own.join(boxes, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
         pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
-        parts.append(_with(pairs, "sensor", names.number("antenna")))
+        agents = _agents(traced, names, kinds)
+        for antenna in config.channel.antennas:
+            carriers = [one.name for one in agents if antenna.is_on(*one.identity)]
+            on = pc.is_in(pairs["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
+            parts.append(_with(pairs.filter(on), "sensor", names.number(antenna.name)))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
-def _links(config: Config, traced: pa.Table, names: Names) -> pa.Table:
-    """Return the rows of `links`: from each peer to each CAV, for each carrier."""
-    agents = traced.select([SHARD, "frame", "agent", "role"])
-    peers = agents.rename_columns([SHARD, "frame", "peer", "kind"])
-    cavs = agents.filter(pc.equal(agents["role"], names.number("cav")))
-    pairs = cavs.join(peers, keys=[SHARD, "frame"], join_type="inner", use_threads=False)
-    pairs = pairs.filter(pc.not_equal(pairs["agent"], pairs["peer"]))
-    kinds = pc.if_else(pc.equal(pairs["kind"], names.number("rsu")), "v2i", "v2v")
-    pairs = pairs.filter(pc.is_in(kinds, pa.array(config.channel.links, pa.string())))
+def _paths(links: pa.Table, table: str) -> pa.Table:
+    """Return the rows of a table of paths: those of each link are numbered from 0."""
+    count = np.maximum(links["path_count"].to_numpy(), 0)
+    rows = links.take(pa.array(np.repeat(np.arange(len(count)), count)))
+    path = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
+    rows = rows.append_column("path", pa.array(path).cast(TYPES["path"]))
+    return _with(rows.select([SHARD, *KEY_OF[table]]), COUNT, 1)
+
+
+def _links(config: Config, traced: pa.Table, names: Names, kinds: Kinds) -> pa.Table:
+    """Return the rows of `links`: those that the configuration's rules make of the agents that are there."""
+    here = traced.select([SHARD, "frame", "agent"])
+    agents = _agents(traced, names, kinds)
+    ends = config.channel.link_ends([one.identity for one in agents])
+    antennas = config.channel.antenna_names
+    columns = {
+        "agent": [agents[end.rx].name for end in ends],
+        "peer": [agents[end.tx].name for end in ends],
+        "antenna": [antennas[end.rx_antenna] for end in ends],
+        "peer_antenna": [antennas[end.tx_antenna] for end in ends],
+    }
+    pairs = pa.table({name: pa.array(names.numbers(texts), TYPES[name]) for name, texts in columns.items()})
+    pairs = here.join(pairs, keys="agent", join_type="inner", use_threads=False)
+    peers = here.rename_columns([SHARD, "frame", "peer"])
+    pairs = pairs.join(peers, keys=[SHARD, "frame", "peer"], join_type="left semi", use_threads=False)
     columns = [SHARD, *KEY_OF["links"], COUNT]
-    carriers = config.channel.carriers_hz
-    return pa.concat_tables(_with(_with(pairs, "carrier_hz", each), COUNT, 1).select(columns) for each in carriers)
+    carriers = range(len(config.channel.carriers_hz))
+    return pa.concat_tables(_with(_with(pairs, "carrier", each), COUNT, 1).select(columns) for each in carriers)
+
+
+def _agents(poses: pa.Table, names: Names, kinds: Kinds) -> list[AgentIdentity]:
+    """Return the agents of some poses."""
+    rows = poses.group_by(["role", "agent"], use_threads=False).aggregate([])
+    roles, agents = ([names.texts[number] for number in rows[name].to_pylist()] for name in ("role", "agent"))
+    there = [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]
+    return [AgentIdentity(role, name, *kinds.get(name, ())) for role, name in there]

@@ -1,6 +1,7 @@
 """One radio link over time (gain, line of sight, delay spread, best beams), and its paths at one frame."""
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,10 @@ if TYPE_CHECKING:
 BEAM_FRAMES = 200
 """Frames at which the best beams are searched at most: a search takes about 1.5 ms of one core. Design value."""
 
-SERIES = ("frame", "peer", "carrier_hz", "is_los", "path_count", "gain_db", "rms_delay_s", "doppler_spread_hz")
+SERIES = (
+    "frame", "peer", "antenna", "peer_antenna", "carrier_hz", "is_los", "path_count", "gain_db", "rms_delay_s",
+    "doppler_spread_hz",
+)  # fmt: skip
 """Columns of table `links` that are drawn."""
 
 KINDS = {
@@ -51,7 +55,7 @@ def read_link(
     data: Dataset, scenario: str, weather: str, tx: str, rx: str, carrier_hz: float | None, frames: range | None = None
 ) -> dict[str, np.ndarray]:
     """Return a link over time, at the first carrier if none is given: `SERIES` and `time_s` by frame, NaN
-    where it has no path.
+    where it has no path; between the first antennas of both ends.
 
     Raises:
         InputError: If the dataset has no such link or carrier.
@@ -59,10 +63,26 @@ def read_link(
     rows = data.numpy("links", columns=[*SERIES, "agent"], frames=frames, scenario=scenario, weather=weather)
     links = sorted(set(zip(rows["peer"], rows["agent"], rows["carrier_hz"].tolist(), strict=True)))
     carrier_hz = choose_carrier(f"{data.root}: {scenario} {weather}", links, tx, rx, carrier_hz)
-    is_own = (rows["agent"] == rx) & (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz)
+    is_own = (rows["agent"] == rx) & (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz) & first_antennas(rows)
     order = np.flatnonzero(is_own)[np.argsort(rows["frame"][is_own], kind="stable")]
     found = {name: rows[name][order] for name in SERIES}
     return {**found, "time_s": seconds(found["frame"], data.frame_rate_hz(scenario))}
+
+
+def first_antennas(links: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Return whether each row is between the first antennas, by name, of its receiver and its transmitter, shape [n].
+
+    Args:
+        links: Columns `agent`, `peer`, `antenna` and `peer_antenna`.
+    """
+    is_first = np.ones(len(links["agent"]), dtype=bool)
+    for end, antenna in (("agent", "antenna"), ("peer", "peer_antenna")):
+        if len(set(links[antenna].tolist())) > 1:
+            first: dict[str, str] = {}
+            for name, one in zip(links[end].tolist(), links[antenna].tolist(), strict=True):
+                first[name] = min(one, first.get(name, one))
+            is_first &= links[antenna] == np.array([first[name] for name in links[end].tolist()], dtype=object)
+    return is_first
 
 
 def best_beams_over_time(
@@ -73,7 +93,8 @@ def best_beams_over_time(
     Frames are searched that the link has; the other arguments are those of `plot_link`.
     """
     paths = data.paths(carrier_hz, scenario=scenario, weather=weather, frames=frames)
-    own = paths.take((paths.keys["agent"] == rx) & (paths.keys["peer"] == tx))
+    keys = {name: paths.keys[name] for name in paths.keys.dtype.names or ()}
+    own = paths.take((keys["agent"] == rx) & (keys["peer"] == tx) & first_antennas(keys))
     pairs = search_beams(data, own, scenario, weather, frames, search)
     beams = [np.where(beam < 0, np.nan, beam.astype(float)) for beam in (pairs.tx_beam, pairs.rx_beam)]
     return own.keys["frame"].astype(np.int64), beams[0], beams[1]
@@ -178,9 +199,12 @@ def plot_path_history(
     """
     series = read_link(data, scenario, weather, tx, rx, carrier_hz, frames)
     carrier_hz = float(series["carrier_hz"][0])
-    names = ["frame", "peer", "carrier_hz", "tau_s", "a_re", "a_im", "doppler_hz"]
+    ends = ["peer", "antenna", "peer_antenna"]
+    names = ["frame", *ends, "carrier_hz", "tau_s", "a_re", "a_im", "doppler_hz"]
     rows = data.numpy("paths", columns=names, scenario=scenario, weather=weather, agent=rx, frames=frames)
-    is_own = (rows["peer"] == tx) & (rows["carrier_hz"] == carrier_hz)
+    is_own = rows["carrier_hz"] == carrier_hz
+    for name in ends:
+        is_own &= rows[name] == series[name][0]
     rows = {name: values[is_own] for name, values in rows.items()}
     gain_db = 20.0 * np.log10(np.maximum(np.hypot(rows["a_re"], rows["a_im"]), 1e-30))
     order = np.argsort(gain_db, kind="stable")

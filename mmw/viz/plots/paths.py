@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from mmw.viz.plots.style import Canvas
 
 ANTENNA = "antenna"
-"""Sensor name of an agent's antenna in table `sensors`."""
+"""Type of antennas in table `sensors`."""
 
 MARGIN_M = 15.0
 """Margin of the map around the paths [m]. Design value."""
@@ -94,12 +94,12 @@ def plot_paths(
 
 
 def find_link(frame: Frame, tx: str, rx: str, carrier_hz: float | None) -> Link:
-    """Return a link of a frame.
+    """Return a link of a frame, between the first antennas of both ends.
 
     Raises:
         InputError: If there is no such link, or no such carrier.
     """
-    known = {(link.peer, link.agent, link.carrier_hz): link for link in frame.links}
+    known = {(link.peer, link.agent, link.carrier_hz): link for link in reversed(frame.links)}
     where = f"{frame.data.root}: frame {frame.frame} of {frame.scenario} {frame.weather}"
     return known[tx, rx, choose_carrier(where, list(known), tx, rx, carrier_hz)]
 
@@ -130,9 +130,15 @@ def choose_carrier(
     return carriers[0] if carrier_hz is None else carrier_hz
 
 
+def link_ends(frame: Frame, link: Link) -> np.ndarray:
+    """Return the places of the transmitting and the receiving antenna in the world [m], shape [2, 3]."""
+    ends = ((link.peer, link.peer_antenna), (link.agent, link.antenna))
+    return np.stack([frame.agents[agent].sensor_pose(antenna)[:3] for agent, antenna in ends])
+
+
 def path_lines(frame: Frame, link: Link) -> list[np.ndarray]:
     """Return each path from antenna to antenna in the world [m], shape [2 + interactions, 3] each."""
-    ends = [frame.agents[name].sensor_pose(ANTENNA)[:3] for name in (link.peer, link.agent)]
+    ends = link_ends(frame, link)
     return [np.stack([ends[0], *link.vertices(path), ends[1]]) for path in range(len(link.a))]
 
 
@@ -187,7 +193,7 @@ def draw_paths_above(axes: Any, frame: Frame, link: Link, *, strongest: int | No
     """
     lines = path_lines(frame, link)
     drawn = _draw(axes, link, [line[:, :2] for line in lines], strongest)
-    ends = np.stack([frame.agents[name].sensor_pose(ANTENNA)[:2] for name in (link.peer, link.agent)])
+    ends = link_ends(frame, link)[:, :2]
     _draw_both_ends(axes, ends, (link.peer, link.agent))
     frame_map(axes, np.concatenate([ends, *(line[:, :2] for line in lines)]))
     path_legend(axes, {int(kind) for kinds in link.paths["interactions"] for kind in kinds}, has_los=link.is_los)
@@ -207,7 +213,7 @@ def draw_paths_aside(axes: Any, frame: Frame, link: Link, *, strongest: int | No
 
     Arguments and return value are those of `draw_paths_above`.
     """
-    ends = np.stack([frame.agents[name].sensor_pose(ANTENNA)[:3] for name in (link.peer, link.agent)])
+    ends = link_ends(frame, link)
     flat = ends[1, :2] - ends[0, :2]
     along = flat / max(float(np.linalg.norm(flat)), 1e-9)
 

@@ -36,7 +36,7 @@ AZIMUTH = (-180.0, 180.0)
 def radio_section(data: Dataset, inventory: Inventory, scenario: str, rows: LinkRows, scenarios: int) -> str:
     """Return histograms and the beam heat map of a scenario, empty without paths; scenarios share the beam searches."""
     weather, carrier = next(iter(rows.by_weather)), rows.carriers[-1]
-    if "paths" not in data.tables:
+    if "paths" not in data.views:
         return ""
     frames = sample_range(inventory.frames(scenario, weather), PATH_FRAMES)
     where = {"scenario": scenario, "weather": weather, "frames": frames}

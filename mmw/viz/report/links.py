@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.dataset import Dataset
+from mmw.viz.plots.link import first_antennas
 from mmw.viz.plots.style import at_least, shade_blocked
 from mmw.viz.report.css import COLORS, DASHES, SERIES_COUNT
 from mmw.viz.report.figures import new_chart, svg
@@ -30,7 +31,10 @@ MIN_POINTS = 80
 MAX_LINKS = 12
 """Links of a scenario and carrier that get a chart at most; vehicle-to-infrastructure links come first."""
 
-COLUMNS = ("frame", "agent", "peer", "carrier_hz", "link", "path_count", "is_los", "gain_db", "rms_delay_s")
+COLUMNS = (
+    "frame", "agent", "peer", "antenna", "peer_antenna", "carrier_hz", "link", "path_count", "is_los", "gain_db",
+    "rms_delay_s",
+)  # fmt: skip
 """Columns of table `links` that are read."""
 
 RadioDevices = tuple[str, str]
@@ -71,7 +75,7 @@ class LinkRows:
 
 
 def read_links(data: Dataset, inventory: Inventory, scenario: str) -> LinkRows | None:
-    """Return the links of a scenario in all its weathers; None if it has none."""
+    """Return the links of a scenario, between first antennas, in all its weathers; None if it has none."""
     weathers = inventory.weathers(scenario)
     if "links" not in data.tables or not weathers:
         return None
@@ -79,6 +83,7 @@ def read_links(data: Dataset, inventory: Inventory, scenario: str) -> LinkRows |
     for weather in weathers:
         rows = data.numpy("links", columns=COLUMNS, scenario=scenario, weather=weather, frames=frames)
         if len(rows["frame"]):
+            rows = {name: values[first_antennas(rows)] for name, values in rows.items()}
             order = np.argsort(rows["frame"], kind="stable")
             found[weather] = {name: values[order] for name, values in rows.items()}
     return LinkRows(frames, found, data.frame_rate_hz(scenario)) if found else None

@@ -7,7 +7,7 @@ from mmw.storage.schemas import TABLES
 from mmw.viz.report.html import count, details, paragraph, plural, size, table, tiles
 from mmw.viz.report.inventory import LISTED, Inventory, quick_check
 
-TILES = {"links": "link rows", "paths": "radio paths", "boxes": "boxes"}
+TILES = {"links": "link rows", "path_gains": "radio paths", "boxes": "boxes"}
 """Table without a sensor -> name of its rows on top of the page."""
 
 

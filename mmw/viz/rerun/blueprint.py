@@ -29,16 +29,16 @@ SERIES_NAMES = {"gain": "Path gain [dB]", "beam_gain": "Best-beam gain [dB]"}
 
 def blueprint(scope: Scope, *, with_beams: bool) -> rrb.Blueprint:
     """Return how the viewer is laid out for a part of a dataset; `with_beams` if best beams are searched."""
-    tables, rows = scope.data.tables, sampled_rows(scope, sensor_rows(scope))
+    tables, with_paths, rows = scope.data.tables, "paths" in scope.data.views, sampled_rows(scope, sensor_rows(scope))
     cameras = [row for row in rows if SENSORS[row["type"]].kind == "image"]
     # What has a place can be shown in an image too; it is hidden until it is switched on.
     overlays = [_entity(row) for row in rows if SENSORS[row["type"]].kind == "points"]
-    overlays += [BOXES] * ("boxes" in tables) + [PATHS] * ("paths" in tables)
+    overlays += [BOXES] * ("boxes" in tables) + [PATHS] * with_paths
     first = scope.data.frame(scope.scenario, scope.weather, scope.frames[0])
     places = np.array([first.agents[name].pose[:3] for name in scope.agents if name in first.agents]).reshape(-1, 3)
     carriers_hz = carriers(scope.data)
     left: list[rrb.View | rrb.Container] = [_world(cameras, carriers_hz, places)]
-    tabs = _links(with_beams and "paths" in tables) if carriers_hz else []
+    tabs = _links(with_beams and with_paths) if carriers_hz else []
     tabs += _readings({row["sensor"]: columns for row in rows if (columns := reading_columns(row))})
     if tabs:
         left.append(rrb.Tabs(*tabs, active_tab=0))

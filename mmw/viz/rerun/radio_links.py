@@ -10,7 +10,7 @@ from mmw.channel.antennas.array_response import rotations_from_poses
 from mmw.channel.path_table import CarrierPaths
 from mmw.dataset import BeamSearch
 from mmw.dataset.frame import Frame, Link
-from mmw.viz.plots.paths import ANTENNA, gains_db, path_lines
+from mmw.viz.plots.paths import gains_db, path_lines
 from mmw.viz.plots.style import GAIN_DB, carrier_name, scale_colors
 from mmw.viz.rerun.entities import SERIES, paths_entity, series_entity
 from mmw.viz.rerun.selection import Scope
@@ -40,8 +40,9 @@ class RadioLogger:
 
     def log(self, frame: Frame) -> None:
         """Log one frame; paths that are gone are cleared, and series of links that are gone have a gap."""
-        found = [link for link in frame.links if link.agent in self.scope.agents]
-        beams = best_beams(frame, found, self.search) if self.search and "paths" in self.scope.data.tables else {}
+        own = [link for link in reversed(frame.links) if link.agent in self.scope.agents]
+        found = list({(link.carrier_hz, link.agent, link.peer): link for link in own}.values())  # of first antennas
+        beams = best_beams(frame, found, self.search) if self.search and "paths" in self.scope.data.views else {}
         shown, there = set(), set()
         for link in found:
             name = (link.carrier_hz, link.agent, link.peer)
@@ -81,8 +82,10 @@ class RadioLogger:
 
 def path_strips(frame: Frame, link: Link) -> rr.LineStrips3D | None:
     """Return the paths of a link as lines from transmitter to receiver; None without any, or without an end's place."""
-    ends = [frame.agents.get(name) for name in (link.peer, link.agent)]
-    if not len(link.a) or any(end is None or ANTENNA not in end.sensors for end in ends):
+    for name, antenna in ((link.peer, link.peer_antenna), (link.agent, link.antenna)):
+        if name not in frame.agents or antenna not in frame.agents[name].sensors:
+            return None
+    if not len(link.a):
         return None
     gain_db = gains_db(link.a)
     return rr.LineStrips3D(
@@ -108,5 +111,5 @@ def best_beams(frame: Frame, links: list[Link], search: BeamSearch) -> dict[Link
             numbers = np.stack([10.0 * np.log10(pairs.gain), pairs.tx_beam, pairs.rx_beam], axis=1)
         numbers[pairs.tx_beam < 0] = np.nan
         for index, row in zip(own, numbers.tolist(), strict=True):
-            found[keys[index]] = dict(zip(("beam_gain", "tx_beam", "rx_beam"), row, strict=True))
+            found.setdefault(keys[index], dict(zip(("beam_gain", "tx_beam", "rx_beam"), row, strict=True)))
     return found

@@ -50,7 +50,8 @@ def sampled_rows(scope: Scope, rows: list[Row]) -> list[Row]:
 def missing_tables(scope: Scope, rows: list[Row]) -> list[str]:
     """Return the tables that have no row: those of the scenario's sensors, then the others that are shown."""
     names = [SENSORS[row["type"]].tables[0].name for row in rows if row["type"] in SENSORS]
-    return [name for name in dict.fromkeys([*names, *SHOWN_TABLES]) if name not in scope.data.tables]
+    there = {*scope.data.tables, *scope.data.views}
+    return [name for name in dict.fromkeys([*names, *SHOWN_TABLES]) if name not in there]
 
 
 def pinhole(camera: Intrinsics) -> rr.Pinhole:

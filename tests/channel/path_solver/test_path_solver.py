@@ -14,7 +14,6 @@ from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.links import make_links
 from mmw.channel.path_solver import path_solver as module
 from mmw.channel.path_solver.solver import solve_paths
-from mmw.channel.rows import path_rows
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
@@ -24,12 +23,11 @@ from mmw.physics.em.vectors import unit_vector
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.scene import Scene
 from mmw.scene.scene_data import SceneData
-from mmw.storage.arrow_tables import sort_rows, unsorted_table
-from mmw.storage.schemas import table_spec
 from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import arrays_from_parts, box_part, two_cars
 from tests.oracles.channel import driving, traffic
+from tests.oracles.path_rows import path_rows, path_table
 
 CARRIERS = (28e9, 4.9e9)
 
@@ -82,7 +80,7 @@ def test_rows_are_those_of_a_run_bit_for_bit(settings: dict, antenna: dict) -> N
     agents = [actor.name for actor in data.actors]
     for weather, paths in own.items():
         columns = {"scenario": "s", "weather": weather, **path_rows(agents, links, found, weather)}
-        expected = sort_rows(table_spec("paths"), unsorted_table("paths", columns))
+        expected = path_table(columns)
         table = paths.to_table()
         is_link = np.array(table["agent"].to_pylist()) != np.array(table["peer"].to_pylist())  # none to itself in a run
         rows = table.filter(is_link)  # which texts its dictionaries hold besides says nothing

@@ -83,6 +83,15 @@ def test_files_are_copies(root, out):
     assert (out / "dataset.json").read_bytes() == (root / "dataset.json").read_bytes()
 
 
+def test_geometry_of_paths_is_there_once(root, out):
+    """It has no weather, so neither has the name of its file; the other tables of the first weather have theirs."""
+    names = ["town_a.000000.parquet", "town_a.000003.parquet"]
+    assert sorted(path.name for path in (out / "path_geometry").iterdir()) == names
+    source = root / "path_geometry" / "scenario=town_a" / "part-000003.parquet"
+    assert (out / "path_geometry" / names[1]).read_bytes() == source.read_bytes()
+    assert len(list((out / "path_gains").iterdir())) == 4
+
+
 def test_card(root, out):
     head = head_of(out)
     assert (head["license"], head["pretty_name"]) == ("cc-by-4.0", "Made up: a test")
@@ -108,6 +117,7 @@ def test_selection_is_written_again(root, tmp_path, stream):
     assert len(list(stream(out, "boxes"))) == 2 * 5
     assert [row["agent"] for row in stream(out, "sensors")] == ["cav_1", "rsu_1"]
     assert {row["weather"] for row in stream(out, "links")} == {"rainy"}
+    assert {(row["frame"], row["agent"]) for row in stream(out, "path_geometry")} == {(2, "cav_1"), (3, "cav_1")}
     assert "materials" not in {config["config_name"] for config in head_of(out)["configs"]}  # all of them are of sunny
     assert next(iter(stream(out, "rgb")))["image"].size == (8, 6)
     path = "lidar/scenario=town_a/weather=rainy/part-000000.parquet"

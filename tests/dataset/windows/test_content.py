@@ -18,6 +18,7 @@ from mmw.dataset import BeamSearch
 from mmw.dataset.windows import Feature, Windows, WindowSpec, make_batch, open_windows, stream_batches, stream_order
 from mmw.dataset.windows.file_sources import Cache
 from mmw.storage.codecs.images import decode_depth, decode_rgb
+from mmw.storage.schemas import TABLES
 from tests.fixtures.small_dataset import small_dataset
 from tests.fixtures.window_data import WEATHERS, row_of, window_data
 
@@ -44,7 +45,8 @@ def windows() -> Windows:
 def read(table: str, windows: Windows, index: int):
     """Return the rows of a table of a window's scenario and weather, read by pyarrow alone."""
     track = windows.tracks[windows.track[index]]
-    folder = window_data() / table / f"scenario={track.scenario}" / f"weather={track.weather}"
+    folder = window_data() / table / f"scenario={track.scenario}"
+    folder = folder / f"weather={track.weather}" if TABLES[table].by_weather else folder
     return pds.dataset(folder, format="parquet").to_table(), track
 
 
@@ -86,11 +88,14 @@ def test_numbers_are_those_of_the_files(windows: Windows, index: int) -> None:
 @pytest.mark.parametrize("index", [0, 7, 13])
 def test_csi_is_the_sum_over_paths(windows: Windows, index: int) -> None:
     sample = windows[index]
-    rows, track = read("paths", windows, index)
-    columns = {name: np.array(rows.column(name).to_pylist()) for name in ("agent", "frame", "carrier_hz")}
+    gains, track = read("path_gains", windows, index)
+    gains = gains.to_pandas().astype({"scenario": str, "agent": str, "peer": str})
+    geometry = read("path_geometry", windows, index)[0].to_pandas().astype({"scenario": str, "agent": str, "peer": str})
+    key = ["scenario", "frame", "agent", "peer", "antenna", "peer_antenna", "path"]
+    columns = gains.merge(geometry, on=key, how="left", validate="many_to_one")
     for place, frame in enumerate(sample["csi_frame"]):
         own = (columns["agent"] == track.agent) & (columns["frame"] == frame) & (columns["carrier_hz"] == 4.9e9)
-        tau, re, im = (rows.column(name).to_numpy()[own] for name in ("tau_s", "a_re", "a_im"))
+        tau, re, im = (columns[name].to_numpy()[own] for name in ("tau_s", "a_re", "a_im"))
         want = [((re + 1j * im) * np.exp(-2j * np.pi * (4.9e9 + f) * tau)).sum() for f in CSI_HZ]
         np.testing.assert_allclose(sample["csi"][place], [np.real(want), np.imag(want)], atol=1e-5)
     assert sample["csi"].shape == (4, 2, 3) and sample["csi"].dtype == np.float32

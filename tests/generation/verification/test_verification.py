@@ -1,7 +1,7 @@
 """`mmw verify`: whatever is damaged, missing, foreign or wrong is found and named, in lines, never as a traceback."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -109,6 +109,36 @@ def drop_counted_column(root: Path) -> None:
     agree(root)
 
 
+GEOMETRY = part("path_geometry")
+
+
+def forget_geometry(root: Path) -> None:
+    """Remove a file of the geometry from the disk and the marker that lists it."""
+    (root / GEOMETRY).unlink()
+    edit_json(root / SUNNY, lambda content: content["files"].pop([f["path"] for f in content["files"]].index(GEOMETRY)))
+    finalize(root)
+
+
+def take_a_path(root: Path, weather: str, carriers: Sequence[int] = (0, 1)) -> None:
+    """Take the last path of the first link, so that the tables of one weather agree, but not with the geometry."""
+    gains, links = part("path_gains", weather), part("links", weather)
+    first = pq.ParquetFile(root / links).read().select(["frame", "agent", "peer", "path_count"]).slice(0, 1).to_pylist()
+    last = first[0].pop("path_count") - 1
+
+    def is_of_link(row: dict) -> bool:
+        return row["carrier"] in carriers and all(row[name] == value for name, value in first[0].items())
+
+    def counts(rows: pa.Table) -> pa.Table:
+        less = [row["path_count"] - is_of_link(row) for row in rows.to_pylist()]
+        return replace_column(rows, "path_count", lambda _: less)
+
+    def without(rows: pa.Table) -> pa.Table:
+        return rows.filter(pa.array([not (is_of_link(row) and row["path"] == last) for row in rows.to_pylist()]))
+
+    rewrite(root, links, counts)
+    rewrite(root, gains, without)
+
+
 def retype_manifest(root: Path) -> None:
     """Write a manifest whose paths are lists."""
     rows = pq.read_table(root / "_manifest.parquet")
@@ -145,7 +175,18 @@ def retype_manifest(root: Path) -> None:
         (drop_counted_column, "schema", part("poses")),
         (retype_manifest, "manifest", "_manifest.parquet"),
         (rewritten("segmentation", lambda rows: rows.slice(0, 1)), "count", part("segmentation")),
-        (rewritten("paths", lambda rows: rows.slice(1)), "count", part("paths")),
+        (rewritten("path_gains", lambda rows: rows.slice(1)), "count", part("path_gains")),
+        (rewritten("path_geometry", lambda rows: rows.slice(1)), "count", GEOMETRY),
+        (
+            rewritten("path_geometry", lambda rows: replace_column(rows, "path", lambda path: [9, *path[1:]])),
+            "count",
+            GEOMETRY,
+        ),
+        (lambda root: (root / GEOMETRY).unlink(), "missing", GEOMETRY),
+        (forget_geometry, "count", GEOMETRY),
+        (lambda root: take_a_path(root, "rainy"), "count", part("links", "rainy")),
+        (lambda root: take_a_path(root, "sunny"), "count", GEOMETRY),
+        (lambda root: take_a_path(root, "sunny", [1]), "count", part("links")),
     ],
 )
 def test_damage_is_found_and_named(
@@ -202,8 +243,8 @@ def test_what_a_depth_image_says_of_a_line() -> None:
 @pytest.mark.parametrize(
     ("damage", "kind"),
     [
-        (lambda root: change(root, "paths", "t_tt_re", lambda value: 1.001 * value), "friis"),
-        (lambda root: change(root, "paths", "tau_s", lambda value: 1.0001 * value), "friis"),
+        (lambda root: change(root, "path_gains", "t_tt_re", lambda value: 1.001 * value), "friis"),
+        (lambda root: change(root, "path_geometry", "tau_s", lambda value: 1.0001 * value), "friis"),
         (lambda root: change(root, "links", "gain_db", lambda value: value + 0.01), "friis"),
         (lambda root: change(root, "links", "is_los", lambda value: not value), "sight"),
         (lambda root: change(root, "boxes", "x", lambda value: value + 1.0), "box"),

@@ -157,7 +157,15 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
     Raises:
         InputError: If the dataset has no radio tables, there is no link for the mode, or an option is wrong.
     """
-    require(dataset, "deepmimo", "links", "paths", "sensors", hint="record it with channel.enabled: true")
+    require(
+        dataset,
+        "deepmimo",
+        "links",
+        "path_gains",
+        "path_geometry",
+        "sensors",
+        hint="record it with channel.enabled: true",
+    )
     if not isinstance(dataset.info["config"].get("channel"), dict):
         raise InputError(f"{dataset.root / DATASET}: its configuration has no channel, which deepmimo writes down; the "
                          "file was changed; put the old one back")  # fmt: skip

@@ -74,7 +74,7 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
             some = Part(part.scenario, part.weather, tuple(block.frames), part.agents)
             name = f"{part.scenario}.{part.weather}.{some.frames[0]:06d}"
             planned.append(Task(f"{name}.sensors", partial(write_sensors, block, part.agents, folder, dict(options))))
-            if "links" in dataset.tables and "paths" in dataset.tables:
+            if "links" in dataset.tables and "paths" in dataset.views:
                 planned.append(Task(f"{name}.channels", partial(write_channels, dataset, some, folder, dict(options))))
     return planned
 
