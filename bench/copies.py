@@ -64,7 +64,10 @@ def main(argv: Sequence[str] | None = None) -> None:
         copies.append(drives(load_config(path, changes), path.parent))
     if not copies[0]:
         parser.error(f"{options.config}: no scenario has traffic with CAVs; set `traffic.cav_ranks`")
-    away = [distances([copy[name] for copy in copies]) for name in copies[0]]
+    found = {name: distances([copy[name] for copy in copies]) for name in copies[0]}
+    for name, rows in found.items():
+        print(f"  {name}: {100 * (rows < NEAR_M).mean():.1f} % of the frames within {NEAR_M:g} m")
+    away = list(found.values())
     middle = np.concatenate([np.median(rows, axis=1) for rows in away])
     near = np.concatenate([rows.ravel() < NEAR_M for rows in away])
     print(

@@ -1,17 +1,21 @@
-"""Compare what `--dry-run` foresees with what a run makes, for ten varied configurations: `python -m bench.estimate`.
+"""Compare what `--dry-run` foresees with what a run makes, for varied configurations: `python -m bench.estimate`.
 
-Rows and bytes of all tables, over those of the run; each must be within 20 %. Twelve frames each, on any device.
+Rows and bytes of all tables, over those of the run; each must be within 20 %. Twelve frames each, four of each of the
+sixteen scenarios, on any device. The time is that of the estimate alone, without the start of Python and its imports.
 """
 
 import argparse
 import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from mmw.config import Config, load_config
 from mmw.core.device import choose_device
+from mmw.generation.estimate import count_agents
+from mmw.generation.foresee import foresee
 from mmw.generation.run_config import RunOptions, run_config
-from mmw.generation.sample_run import sample_scenario, total
+from mmw.generation.sample_run import total
 from mmw.storage.manifest import manifest_rows, read_markers
 
 RADIO = "sensors=[]"
@@ -39,18 +43,27 @@ CASES: dict[str, tuple[str, ...]] = {
         "town05_cbd_crossroad", RADIO, "channel={candidates: exhaustive, carriers_hz: [2.0e9, 39.0e9, 140.0e9]}",
         "materials={'label:building': itu_brick}", "weathers=[sunny, rainy, foggy]",
     ),
+    "sixteen scenarios, all sensors": (
+        "full", "weathers=[sunny, rainy]", "channel.samples_per_tx=100000",
+        "sensors=[{type: lidar}, {type: depth}, {type: imu}, {type: gnss}, {type: radar}, {type: rgb, rate_hz: 10}]",
+    ),
 }  # fmt: skip
 """Name -> shipped configuration and changes."""
 
+MANY, MANY_FRAMES = 4, 4
+"""A configuration of more scenarios than the first number has the second number of frames."""
 
-def compare(config: Config, base: Path, device: str, out: Path) -> tuple[float, float, float, float]:
-    """Return foreseen and true rows, then foreseen and true bytes of a configuration with one scenario."""
-    sample = sample_scenario(config, config.scenarios[0], base, device)
+
+def compare(config: Config, base: Path, device: str, out: Path) -> tuple[float, float, float, float, float]:
+    """Return foreseen and true rows, foreseen and true bytes, and the seconds of the estimate."""
+    begin = time.perf_counter()
+    samples = foresee(config, base, device, count_agents(config, base))
+    seconds = time.perf_counter() - begin
     run_config(config, base, "bench", RunOptions(is_quiet=True))
     made = manifest_rows(read_markers(out)).to_pylist()
-    true = (sum(row[key] for row in made) for key in ("rows", "bytes"))
-    rows, size = true
-    return total(sample.rows), rows, total(sample.bytes), size
+    true_rows, true_size = (sum(row[key] for row in made) for key in ("rows", "bytes"))
+    rows, size = sum(total(sample.rows) for sample in samples), sum(total(sample.bytes) for sample in samples)
+    return rows, true_rows, size, true_size, seconds
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -61,19 +74,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", help="cases whose name has this text")
     options = parser.parse_args(argv)
     device, worst = choose_device(options.device), 0.0
-    print(f"{'case':40} {'rows':>10} {'true':>10} {'ratio':>6} {'MB':>9} {'true':>9} {'ratio':>6}")
+    print(f"{'case':40} {'rows':>10} {'true':>10} {'ratio':>6} {'MB':>9} {'true':>9} {'ratio':>6} {'s':>6}")
     for name, (source, *changes) in CASES.items():
         if options.only not in name:
             continue
         with tempfile.TemporaryDirectory() as folder:
             out = Path(folder) / "d"
-            given = {"frames": {"count": options.frames}, "output.dir": str(out), "compute.device": device}
-            config = load_config(source, changes, {**given, "compute.workers": 1})
-            rows, true_rows, size, true_size = compare(config, Path(folder), device, out)
+            given = {"output.dir": str(out), "compute.device": device, "compute.workers": 1}
+            is_many = len(load_config(source).scenarios) > MANY
+            frames = min(options.frames, MANY_FRAMES) if is_many else options.frames
+            config = load_config(source, [*changes, f"frames.count={frames}"], given)
+            rows, true_rows, size, true_size, seconds = compare(config, Path(folder), device, out)
         ratios = rows / true_rows, size / true_size
         worst = max(worst, *(max(ratio, 1 / ratio) for ratio in ratios))
         numbers = (
-            f"{rows:10,.0f} {true_rows:10,} {ratios[0]:6.2f} {size / 1e6:9.2f} {true_size / 1e6:9.2f} {ratios[1]:6.2f}"
+            f"{rows:10,.0f} {true_rows:10,} {ratios[0]:6.2f} {size / 1e6:9.2f} {true_size / 1e6:9.2f} {ratios[1]:6.2f} "
+            f"{seconds:6.1f}"
         )
         print(f"{name:40} {numbers}", flush=True)
     print(f"worst: a factor of {worst:.2f}")

@@ -21,12 +21,21 @@ from mmw.sensors.ground_truth.visibility import trace_sight
 from mmw.sensors.ground_truth.visibility_rows import sight_rows
 
 
-def capture_frames(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
-    """Trace one batch of frames and add its rows in every weather of `collected`."""
+def capture_frames(
+    batch: Batch, frames: Sequence[int], collected: TableRows, sensors: Sequence[SensorConfig] | None = None
+) -> None:
+    """Trace one batch of frames and add its rows in every weather of `collected`.
+
+    Args:
+        batch: The scenario.
+        frames: The frames.
+        collected: Where the rows go.
+        sensors: In place of those of the configuration: the same ones, on fewer agents.
+    """
     with batch.clock.stage("batch set-up"):
         batch.scene.load_batch(frames)
     capture_ground_truth(batch, frames, collected)
-    capture_sensors(batch, frames, collected)
+    capture_sensors(batch, frames, collected, sensors)
     if batch.surfaces is not None:
         capture_channel(batch, batch.surfaces, frames, collected)
 
@@ -48,17 +57,19 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
                 collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
 
 
-def capture_sensors(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+def capture_sensors(
+    batch: Batch, frames: Sequence[int], collected: TableRows, sensors: Sequence[SensorConfig] | None = None
+) -> None:
     """Add the rows of every sensor; those whose specs name the same `capture` are traced in one call."""
     together: dict[str, list[SensorConfig]] = {}
-    for sensor in batch.config.sensors:
+    for sensor in batch.config.sensors if sensors is None else sensors:
         spec = SENSORS[sensor.type]
         if spec.capture:
             together.setdefault(spec.capture, []).append(sensor)
         else:
             _simulate(batch, spec, sensor, frames, collected)
-    for capture, sensors in together.items():
-        load_reference(capture)(batch, sensors, frames, collected)
+    for capture, group in together.items():
+        load_reference(capture)(batch, group, frames, collected)
 
 
 def _simulate(

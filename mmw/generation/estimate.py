@@ -14,7 +14,7 @@ from mmw.config.traffic_engine import check_package
 from mmw.core.errors import InputError
 from mmw.generation.agent_key_checks import unknown_agent_keys
 from mmw.generation.progress import si
-from mmw.generation.sample_run import SAMPLE_PLACES, SampledScenario, table_lines, total
+from mmw.generation.sample_run import SampledScenario, table_lines, total
 from mmw.physics.weather.weather import PRESETS, choose_variant
 from mmw.scene.sources import scenario_source, trajectory_file, weather_variants
 from mmw.storage.schemas import TABLES
@@ -95,17 +95,28 @@ def _check_source(
             )
 
 
-def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
+FindRoles = Callable[[Path, tuple[tuple[str, str], ...]], list[str]]
+
+
+def stage_roles(source: Path, given: tuple[tuple[str, str], ...]) -> list[str]:
+    """Return the roles of the actors of a stage, of which some are given by prim path.
+
+    Raises:
+        InputError: If it cannot be read, or they do not fit it.
+    """
+    stage = open_stage(source)
+    with usd_errors(source):
+        return [actor.role for actor in find_actors(stage, dict(given))]
+
+
+def agent_counts(scenario: ScenarioConfig, base: Path, find_roles: FindRoles = stage_roles) -> dict[str, int]:
     """Return how many agents of each role, vehicles (CAVs included) and boxes a scenario has.
 
     Raises:
         InputError: If a stage of the user's own cannot be read, or `actor_roles` does not fit it.
     """
     traffic = scenario.traffic
-    source = scenario_source(scenario, base)
-    stage = open_stage(source)
-    with usd_errors(source):
-        roles = [actor.role for actor in find_actors(stage, {} if traffic else scenario.actor_roles)]
+    roles = find_roles(scenario_source(scenario, base), () if traffic else tuple(scenario.actor_roles.items()))
     units = {"rsu": len(scenario.rsus), "bs": len(scenario.base_stations), "uav": len(scenario.uavs)}
     if traffic is None:
         agents = {role: roles.count(role) + units.get(role, 0) for role in AGENT_ROLES}
@@ -114,6 +125,20 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
     boxes = traffic.vehicle_count + traffic.pedestrian_count + traffic.cyclist_count + len(scenario.uavs)
     agents = {"cav": traffic.cav_count, "vru": traffic.vru_count, **units}
     return {**agents, "vehicles": traffic.vehicle_count, "boxes": boxes + len(roles)}  # the town has parked vehicles
+
+
+AgentCounts = Mapping[str, Mapping[str, int]]
+"""Scenario -> its `agent_counts`."""
+
+
+def count_agents(config: Config, base: Path) -> AgentCounts:
+    """Return the counts of every scenario; a town of several is opened once.
+
+    Raises:
+        InputError: As `agent_counts`.
+    """
+    find_roles = functools.cache(stage_roles)
+    return {scenario.name: agent_counts(scenario, base, find_roles) for scenario in config.scenarios}
 
 
 @dataclass(frozen=True)
@@ -128,20 +153,23 @@ class PlanEstimate:
     """A line for each scenario."""
 
 
-def describe_plan(config: Config, base: Path, device: str, samples: Sequence[SampledScenario] = ()) -> str:
+def describe_plan(
+    config: Config, base: Path, device: str, counts: AgentCounts, samples: Sequence[SampledScenario] = ()
+) -> str:
     """Return the text of `--dry-run`: frames, rays and bytes of every scenario, and where they would go.
 
     Args:
         config: The configuration.
         base: Folder that relative paths start from.
         device: Device that would trace.
-        samples: Traced frames of each scenario, from which rows and bytes follow; without, the bytes are those of the
+        counts: See `count_agents`.
+        samples: Foreseen tables of each scenario, see `mmw.generation.foresee`; without, the bytes are those of the
             paper's scenarios.
 
     Raises:
-        InputError: If a stage of the user's own cannot be read.
+        InputError: If a town or stage is not there.
     """
-    plan = estimate_plan(config, base)
+    plan = estimate_plan(config, base, counts)
     lines = [
         f"{len(config.scenarios)} scenario(s) x {len(config.weathers)} weather(s), "
         f"{config.frame_total} frames in all on {device}",
@@ -152,7 +180,7 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     size = plan.bytes
     if samples:
         size = sum(total(sample.bytes) for sample in samples)
-        lines += [f"tables, from {len(SAMPLE_PLACES)} or more traced frames of each scenario:", *table_lines(samples)]
+        lines += [_origin(samples), *table_lines(samples)]
         lines += [f"note: {line}" for line in dict.fromkeys(line for sample in samples for line in sample.notes)]
     else:
         lines.append("no frame was traced: bytes are those of the paper's scenarios, and notes are left out")
@@ -162,18 +190,25 @@ def describe_plan(config: Config, base: Path, device: str, samples: Sequence[Sam
     return "\n".join(lines)
 
 
-def estimate_plan(config: Config, base: Path) -> PlanEstimate:
-    """Return about how many rays and bytes the scenarios of a configuration would take.
+def _origin(samples: Sequence[SampledScenario]) -> str:
+    """Return the heading of the tables, which says what was traced and what was inferred."""
+    traced = [sample.name for sample in samples if sample.is_traced]
+    if len(traced) == len(samples):
+        return "tables, from traced frames of each scenario:"
+    return (
+        f"tables, from traced frames of {len(traced)} of {len(samples)} scenarios ({', '.join(traced)}); the others "
+        "are inferred from those of the same town, else from all, by frames, agents, links and vehicles:"
+    )
 
-    Raises:
-        InputError: If a stage of the user's own cannot be read.
-    """
+
+def estimate_plan(config: Config, base: Path, counts: AgentCounts) -> PlanEstimate:
+    """Return about how many rays and bytes the scenarios of a configuration with these agents would take."""
     lines: list[str] = []
     total_rays = total_bytes = 0.0
     framed_tables = [table for table in TABLES.values() if table.framed]
     for scenario in config.scenarios:
-        counts = agent_counts(scenario, base)
-        rays, size = frame_cost(config, counts, scenario)
+        own = counts[scenario.name]
+        rays, size = frame_cost(config, own, scenario)
         frame_rays = sum(rays.values())
         frame_count = config.frames_of(scenario).count
         shards = -(-frame_count // config.output.shard_frames)
@@ -182,8 +217,8 @@ def estimate_plan(config: Config, base: Path) -> PlanEstimate:
         total_bytes += size * frame_count * len(config.weathers) + shards * files * FILE_BYTES
         each = ", ".join(f"{name} {si(count).strip()}" for name, count in rays.items())
         lines.append(
-            f"  {scenario.name}: {scenario_source(scenario, base).name}, {_agent_words(counts)} "
-            f"among {counts['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
+            f"  {scenario.name}: {scenario_source(scenario, base).name}, {_agent_words(own)} "
+            f"among {own['vehicles']} vehicles, {si(frame_rays)}rays a frame" + (f" ({each})" if each else "")
         )
     return PlanEstimate(total_rays, total_bytes, tuple(lines))
 
@@ -201,7 +236,7 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     rays: dict[str, int] = {}
     size = sum(counts.get(role, 0) for role in AGENT_ROLES) * ROW_BYTES["poses"] + counts["boxes"] * ROW_BYTES["boxes"]
     for sensor in config.sensors:
-        samples = _carriers(sensor, counts, scenario) * share(sensor)
+        samples = carrier_count(sensor, counts, scenario) * share(sensor)
         cost = spec_of(sensor).estimate(sensor)
         if cost.rays:
             rays[sensor.name] = round(samples * cost.rays)
@@ -211,7 +246,7 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
         ends = channel.link_ends([agent.identity for agent in _agents(counts, scenario)])
         mutual = {(end.tx, end.rx) for end in ends} & {(end.rx, end.tx) for end in ends}
-        links, senders = len(ends), 0.0
+        senders = 0.0
         for tx, tx_antenna in {(end.tx, end.tx_antenna) for end in ends}:
             own = [(end.tx, end.rx) for end in ends if (end.tx, end.tx_antenna) == (tx, tx_antenna)]
             senders += half if mutual.issuperset(own) else 1.0
@@ -219,11 +254,11 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * GAIN_BYTES)
         link_size += _paths(channel) * GEOMETRY_BYTES / len(config.weathers)
-        size += links * link_size * share(channel)
+        size += len(ends) * link_size * share(channel)
     return rays, size
 
 
-def _carriers(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
+def carrier_count(sensor: SensorConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many agents carry a sensor."""
     agents = _agents(counts, scenario)
     known = {key for agent in agents for key in agent.keys}
@@ -250,6 +285,11 @@ def _agent_words(counts: Mapping[str, int]) -> str:
     """Return the numbers of agents; those of roles beside CAV and RSU only if there are any."""
     shown = [role for role in AGENT_ROLES if role in ("cav", "rsu") or counts.get(role, 0)]
     return " + ".join(f"{counts[role]} {role.upper()}" for role in shown)
+
+
+def link_count(channel: ChannelConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
+    """Return how many links a frame has at one carrier."""
+    return len(channel.link_ends([agent.identity for agent in _agents(counts, scenario)]))
 
 
 def _paths(channel: ChannelConfig) -> float:

@@ -180,24 +180,20 @@ def run_datasets(
                     )
 
 
-MAX_SAMPLED = 4
-"""Most scenarios of which `--dry-run` traces frames: each takes some ten seconds of a CPU. Design value."""
-
-
 def describe_config(
     config: Config, base: Path, place: Path | str, shard: str = "0/1", *, is_quick: bool = False
 ) -> str:
     """Return the text of `--dry-run`: what `run_config` would generate with the same arguments.
 
-    Frames of up to `MAX_SAMPLED` scenarios are traced for it; of more, or if `is_quick`, none is.
+    Frames of a few scenarios are traced for it, see `mmw.generation.foresee`; if `is_quick`, none is.
 
     Raises:
         InputError: As `run_config`.
     """
     from mmw.core.device import choose_device, worker_devices
-    from mmw.generation.estimate import check_inputs, describe_plan
+    from mmw.generation.estimate import check_inputs, count_agents, describe_plan
+    from mmw.generation.foresee import foresee
     from mmw.generation.generate import output_of
-    from mmw.generation.sample_run import sample_scenario
     from mmw.generation.shards import Partition
 
     with in_config(place):
@@ -206,11 +202,10 @@ def describe_config(
         compute = config.compute
         is_local = compute.engine == "local"
         where = worker_devices(compute.device, compute.workers)[0] if is_local else "a Ray cluster"
-        samples = []
-        if not is_quick and len(config.scenarios) <= MAX_SAMPLED:
-            device = choose_device(compute.device if is_local else "auto")
-            samples = [sample_scenario(config, scenario, base, device) for scenario in config.scenarios]
-        return describe_plan(config, base, where, samples)
+        counts, samples = count_agents(config, base), []
+        if not is_quick:
+            samples = foresee(config, base, choose_device(compute.device if is_local else "auto"), counts)
+        return describe_plan(config, base, where, counts, samples)
 
 
 def _with_fitting_workers(config: Config) -> tuple[Config, str]:

@@ -39,7 +39,7 @@ def describe_sweep(members: Sequence[SweepMember], root: str, base: Path, place:
     Raises:
         InputError: As `run_sweep`.
     """
-    from mmw.generation.estimate import estimate_plan
+    from mmw.generation.estimate import count_agents, estimate_plan
     from mmw.generation.progress import si
 
     lines = [f"{len(members)} dataset(s) below {root}:"]
@@ -47,7 +47,7 @@ def describe_sweep(members: Sequence[SweepMember], root: str, base: Path, place:
     for member in members:
         with in_config(place):
             describe_config(member.config, base, place, shard, is_quick=True)  # checks it
-            plan = estimate_plan(member.config, base)
+            plan = estimate_plan(member.config, base, count_agents(member.config, base))
         frames, rays, size = frames + member.config.frame_total, rays + plan.rays, size + plan.bytes
         lines.append(
             f"  {member.name}: {member.config.frame_total:,} frames, {si(plan.rays)}rays, about {si(plan.bytes)}B"

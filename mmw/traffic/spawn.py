@@ -1,6 +1,6 @@
 """Choose start positions, drivers, models, paints and connected vehicles: what all engines draw alike."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -100,20 +100,19 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
     """
     position = np.array([point.position for point in points]).reshape(-1, 3)
     distance = np.linalg.norm(position - np.asarray(center, np.float64), axis=1)
-    chosen: list[int] = []
-    for index in np.lexsort((np.arange(len(points)), distance)):
-        if len(chosen) == count:
-            break
-        apart = np.linalg.norm(position[chosen] - position[index], axis=1)
-        if not (apart < SAME_PLACE).any():
-            chosen.append(int(index))
+    chosen = _places(position, np.lexsort((np.arange(len(points)), distance)), count)
     if len(chosen) < count:
         raise InputError(f"vehicle_count = {count}: the town has {len(chosen)} spawn points; give at most that many")
     return [points[index] for index in chosen]
 
 
-def drawn_points(points: Sequence[SpawnPoint], demand: TrafficDemand, radius: float) -> list[SpawnPoint]:
-    """Return points drawn by seed from those within a 3-D distance of the spawn center, nearest first.
+def drawn_points(
+    points: Sequence[SpawnPoint], demand: TrafficDemand, radius: float
+) -> tuple[list[SpawnPoint], tuple[int, ...]]:
+    """Return points drawn by seed from those within a 3-D distance of the spawn center, nearest first, and CAVs' ranks.
+
+    Any point is as likely as others. Without a `cav_pool`, CAVs of seeds that follow each other start at other points,
+    far from each other along the lanes, until there are no more: see `_spread_points`.
 
     Raises:
         InputError: If there are fewer places than vehicles.
@@ -121,29 +120,57 @@ def drawn_points(points: Sequence[SpawnPoint], demand: TrafficDemand, radius: fl
     traffic, count = demand.traffic, demand.traffic.vehicle_count
     position = np.array([point.position for point in points]).reshape(-1, 3)
     distance = np.linalg.norm(position - np.asarray(traffic.spawn_center_m, np.float64), axis=1)
-    chosen: list[int] = []
-    for index in seeded(demand.seed, 0, 4).permutation(np.flatnonzero(distance <= radius)):
-        if len(chosen) == count:
-            break
-        if not (np.linalg.norm(position[chosen] - position[index], axis=1) < SAME_PLACE).any():
-            chosen.append(int(index))
+    inside = np.flatnonzero(distance <= radius)
+    order = seeded(demand.seed, 0, 4).permutation(inside)
+    cav_count = 0 if traffic.cav_pool else len(traffic.cav_ranks)
+    first = _spread_points(_places(position, inside), cav_count, demand.seed)
+    chosen = _places(position, [*first, *order], count)
     if len(chosen) < count:
         raise InputError(
             f"vehicle_count = {count}: there are {len(chosen)} spawn points within vary.spawn.radius_m = {radius:g} of "
             "`spawn_center_m`; give fewer vehicles, or a larger radius"
         )
-    return [points[index] for index in sorted(chosen, key=lambda index: (distance[index], index))]
+    ranked = sorted(chosen, key=lambda index: (distance[index], index))
+    if traffic.cav_pool:
+        return [points[index] for index in ranked], connected_ranks(traffic, demand.seed)
+    return [points[index] for index in ranked], tuple(sorted(map(ranked.index, chosen[:cav_count])))
 
 
-def connected_ranks(traffic: TrafficConfig, seed: int, *, is_drawn: bool = False) -> tuple[int, ...]:
+def _places(position: np.ndarray, order: Iterable[int], count: int | None = None) -> list[int]:
+    """Return the first points of an order that are not the same place as an earlier one, all or so many."""
+    chosen: list[int] = []
+    for index in order:
+        if len(chosen) == count:
+            break
+        if not (np.linalg.norm(position[chosen] - position[index], axis=1) < SAME_PLACE).any():
+            chosen.append(int(index))
+    return chosen
+
+
+def _spread_points(places: Sequence[int], count: int, seed: int) -> list[int]:
+    """Return as many places for a seed, others than for the seeds of the same round.
+
+    A round takes the places in bit-reversed order of their index, the radical inverse in base 2 (van der Corput, 1935):
+    however many seeds have had theirs, these are spread evenly along the lanes. Each round begins elsewhere.
+    """
+    if count == 0 or len(places) < count:
+        return []
+    turn, index = divmod(seed, len(places) // count)
+    bits = (len(places) - 1).bit_length()
+    reverse = [int(f"{k:0{bits}b}"[::-1], 2) for k in range(1 << bits)] if bits else [0]
+    order = [k for k in reverse if k < len(places)]
+    shift = int(seeded(turn, 0, 5).integers(len(places)))
+    return [places[(k + shift) % len(places)] for k in order[index * count : (index + 1) * count]]
+
+
+def connected_ranks(traffic: TrafficConfig, seed: int) -> tuple[int, ...]:
     """Return which vehicles are CAVs: their ranks by distance to the spawn center, `cav_1` first.
 
-    They are those of `cav_ranks`, or as many drawn by seed, from `cav_pool` or, if `is_drawn`, from all.
+    They are those of `cav_ranks`, or as many drawn by seed from `cav_pool`.
     """
-    pool = traffic.cav_pool or (traffic.vehicle_count if is_drawn else None)
-    if pool is None:
+    if traffic.cav_pool is None:
         return traffic.cav_ranks
-    drawn = seeded(seed, 0, 3).choice(pool, len(traffic.cav_ranks), replace=False)
+    drawn = seeded(seed, 0, 3).choice(traffic.cav_pool, len(traffic.cav_ranks), replace=False)
     return tuple(sorted(drawn.tolist()))
 
 
@@ -177,19 +204,21 @@ class Start:
     """Model that the configuration gives it."""
 
 
-def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
-    """Return the vehicles of a scenario and their drivers, by distance to the spawn center, on usable lanes.
+def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> tuple[list[Start], tuple[int, ...]]:
+    """Return the vehicles of a scenario and their drivers, by distance to the spawn center, and the ranks of the CAVs.
+
+    They start on usable lanes; `cav_1` is first of the ranks.
 
     Raises:
         InputError: If the town has too few places.
     """
     traffic, starts = demand.traffic, []
-    cav_ranks = connected_ranks(traffic, demand.seed, is_drawn=demand.spawn is not None)
     points = spawn_points(demand.town.lanes, usable)
     if demand.spawn is None:
         points = nearest_points(points, traffic.spawn_center_m, traffic.vehicle_count)
+        cav_ranks = connected_ranks(traffic, demand.seed)
     else:
-        points = drawn_points(points, demand, demand.spawn.radius_m)
+        points, cav_ranks = drawn_points(points, demand, demand.spawn.radius_m)
     for rank, point in enumerate(points):
         generator = seeded(demand.seed, rank, 0)
         factor = generator.uniform(*DRIVER_FACTOR) * demand.drivers.speed
@@ -197,7 +226,7 @@ def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
         number = cav_ranks.index(rank) if rank in cav_ranks else len(traffic.cav_models)
         model = traffic.cav_models[number] if number < len(traffic.cav_models) else None
         starts.append(Start(rank, point, rank in cav_ranks, factor, headway, generator, model))
-    return starts
+    return starts, cav_ranks
 
 
 class Places:

@@ -4,7 +4,7 @@ USD's parser and composition recurse, so deep nesting ends the process; both lim
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,15 +30,43 @@ Node = tuple[str, str]
 """Layer and prim path; `/` for a whole layer."""
 
 
+Stamp = tuple[str, int, int]
+"""Path, time of the last change [ns] and size [bytes] of a file."""
+
+_checked: dict[Path, tuple[Stamp, ...]] = {}
+"""Stages that are within the limits -> their files; a town is opened some five times for a scenario."""
+
+
 def check_size(path: Path) -> None:
-    """Hold a stage against the limits.
+    """Hold a stage against the limits, unless this process did so before and none of its files has changed.
 
     Raises:
         InputError: If it has too many prims, or is nested too deeply.
     """
+    known = _checked.pop(path, None)
+    if known is not None and known == _stamps(name for name, _, _ in known):
+        _checked[path] = known
+        return
     layer = _open_layer(str(path))
     if layer is not None:
-        _Count(path).size((layer.identifier, "/"))
+        count = _Count(path)
+        count.size((layer.identifier, "/"))
+        layers = [layer, *count.layers.values()]
+        stamps = _stamps({layer.realPath for layer in layers})
+        if stamps is not None and not count.is_broken and not any(layer.dirty for layer in layers):
+            _checked[path] = stamps
+
+
+def _stamps(files: Iterable[str]) -> tuple[Stamp, ...] | None:
+    """Return the stamps of files, ordered by path; None if one is no file."""
+    found = []
+    for name in sorted(files):
+        try:
+            status = Path(name).stat()
+        except OSError:
+            return None
+        found.append((name, status.st_mtime_ns, status.st_size))
+    return tuple(found)
 
 
 @dataclass
@@ -47,6 +75,8 @@ class _Count:
     sizes: dict[Node, int] = field(default_factory=dict)
     layers: dict[str, Sdf.Layer] = field(default_factory=dict)
     open_nodes: list[Node] = field(default_factory=list)
+    is_broken: bool = False
+    """Whether a layer cannot be opened, which may be there the next time."""
 
     def size(self, node: Node) -> int:
         """Return how many prims a prim becomes, with all that it refers to; 0 for a cycle, which USD reports."""
@@ -61,7 +91,7 @@ class _Count:
             total = 0
             if node[1] == "/":
                 for name in layer.subLayerPaths:
-                    inner = _open_layer(Sdf.ComputeAssetPathRelativeToLayer(layer, name))
+                    inner = self.open(layer, name)
                     if inner is not None:
                         self.layers[inner.identifier] = inner
                         total += self.size((inner.identifier, "/"))
@@ -102,7 +132,7 @@ class _Count:
         for arc in arcs:
             other = layer
             if arc.assetPath:
-                other = _open_layer(Sdf.ComputeAssetPathRelativeToLayer(layer, arc.assetPath))
+                other = self.open(layer, arc.assetPath)
             if other is not None:
                 self.layers[other.identifier] = other
                 path = str(arc.primPath) or (f"/{other.defaultPrim}".replace("//", "/") if other.defaultPrim else "")
@@ -113,6 +143,12 @@ class _Count:
         for paths in lists:
             for target in paths.GetAddedOrExplicitItems():
                 yield layer.identifier, str(target)
+
+    def open(self, layer: Sdf.Layer, name: str) -> Sdf.Layer | None:
+        """Return a layer that another one names; None for one that USD cannot open."""
+        found = _open_layer(Sdf.ComputeAssetPathRelativeToLayer(layer, name))
+        self.is_broken |= found is None
+        return found
 
     def fail(self, node: Node, problem: str) -> None:
         raise InputError(

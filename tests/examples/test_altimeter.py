@@ -55,7 +55,7 @@ def mmw(environment: dict[str, str], *arguments: str, code: int = 0) -> str:
 
 
 def test_the_configuration_knows_its_keys(installed: dict[str, str]) -> None:
-    quickstart = ("run", "--config", "quickstart", "--dry-run")
+    quickstart = ("run", "--config", "quickstart", "--dry-run", "--quick")
     text = mmw(installed, *quickstart, "sensors=[{type: altimeter, rangem: 3}]", code=2)
     assert "sensors[0].rangem = 3: unknown key; did you mean `range_m`?" in text
     assert "altimeter 3" in mmw(installed, *quickstart, *CONFIG, SENSORS)  # one ray for each of three vehicles

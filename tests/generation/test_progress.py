@@ -53,7 +53,7 @@ def test_one_worker_is_not_counted() -> None:
 
 
 def test_the_whole_dataset_is_foreseen(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["--config", str(configs_dir() / "full.yaml"), "--device", "cpu", "--dry-run"]) == 0
+    assert main(["--config", str(configs_dir() / "full.yaml"), "--device", "cpu", "--dry-run", "--quick"]) == 0
     found = re.search(r"tables of about ([\d.]+) GB", capsys.readouterr().out)
     assert found
     assert float(found[1]) * 1e9 == pytest.approx(FULL_BYTES, rel=0.02)

@@ -1,11 +1,13 @@
 """A few traced frames foresee the tables of a scenario, and say what finds nothing in it."""
 
 from pathlib import Path
+from unittest.mock import patch
 
 import pytest
 
 from mmw.cli.run import main
 from mmw.config import Config, load_config
+from mmw.generation.capture import capture_frames
 from mmw.generation.sample_run import SampledScenario, sample_scenario
 from mmw.storage.manifest import manifest_rows, read_markers
 from tests.fixtures.own_world import command, write_own_world
@@ -61,3 +63,15 @@ def test_the_command_prints_it(world: Path, capsys: pytest.CaptureFixture) -> No
     assert not (world / "nothing").exists()
     assert main(command(world, "nothing", "--quick")) == 2
     assert "--quick goes with --dry-run" in capsys.readouterr().err
+
+
+def test_one_agent_stands_for_all_with_a_camera(world: Path) -> None:
+    """Each frame has a picture of another agent, and rows of objects count for all of them."""
+    mount = "mount: {rsu: {position_m: [0, 0, 2], yaw_deg: 180}}"
+    camera = f"{{type: depth, on: [cav, rsu], width_px: 48, height_px: 32, boxes_2d: true, {mount}}}"
+    config = load_config(world / "mine.yaml", ["frames.count=3", f"sensors=[{camera}]", "channel.enabled=false"])
+    with patch("mmw.generation.sample_run.capture_frames", wraps=capture_frames) as capture:
+        sample = sample_scenario(config, config.scenarios[0], world, "cpu")
+    assert [call.args[3][0].on for call in capture.call_args_list] == [("Ego",), ("Mast",), ("Mast",)]
+    assert sample.rows["depth"] == 3 * 2
+    assert sample.rows["boxes_2d"] == 2 * 2  # the mast sees the vehicle in two frames, and stands for it there too

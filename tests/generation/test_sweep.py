@@ -56,7 +56,7 @@ def test_the_index_finds_datasets_by_their_values(swept: Path) -> None:
 
 def test_dry_run_sums_up(swept: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     traced: list[object] = []
-    monkeypatch.setattr("mmw.generation.sample_run.sample_scenario", lambda *scenario: traced.append(scenario))
+    monkeypatch.setattr("mmw.generation.foresee.sample_scenario", lambda *scenario: traced.append(scenario))
     assert run_own(swept, "none", *FEW, SWEEP, "--dry-run") == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == f"4 dataset(s) below {swept}/none:" and len(lines) == 6

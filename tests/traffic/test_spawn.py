@@ -10,7 +10,7 @@ from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.route import endless_lanes
-from mmw.traffic.spawn import SAME_PLACE, connected_ranks, draw_starts, drawn_points, spawn_points
+from mmw.traffic.spawn import SAME_PLACE, SpawnPoint, connected_ranks, draw_starts, drawn_points, spawn_points
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand, grid, surface
 
@@ -26,7 +26,8 @@ def varied(seed: int, radius: float = 110.0, **options: object) -> TrafficDemand
 def test_points_are_spawn_points_within_the_radius_nearest_first() -> None:
     points = spawn_points(GRID, endless_lanes(GRID))
     for seed in range(5):
-        found = drawn_points(points, varied(seed), 70.0)
+        found, ranks = drawn_points(points, varied(seed), 70.0)
+        assert len(set(ranks)) == 3 and set(ranks) <= set(range(24)) and list(ranks) == sorted(ranks)
         assert len(found) == 24 and set(found) <= set(points)
         place = np.array([point.position for point in found])
         away = np.linalg.norm(place - CENTER, axis=1)
@@ -41,7 +42,7 @@ def test_every_place_is_drawn_about_as_often() -> None:
     inside = np.flatnonzero(np.linalg.norm(place - CENTER, axis=1) <= 70.0)
     count = dict.fromkeys((points[index].position for index in inside), 0)
     for seed in range(400):
-        for point in drawn_points(points, varied(seed, vehicle_count=6), 70.0):
+        for point in drawn_points(points, varied(seed, vehicle_count=6), 70.0)[0]:
             count[point.position] += 1
     share = 6 / len(inside)
     expected, deviation = 400 * share, np.sqrt(400 * share * (1 - share))
@@ -49,15 +50,43 @@ def test_every_place_is_drawn_about_as_often() -> None:
 
 
 def test_seeds_differ_and_any_vehicle_may_be_a_cav() -> None:
-    one, other, again = (draw_starts(varied(seed), endless_lanes(GRID)) for seed in (1, 2, 1))
+    (one, _), (other, _), (again, _) = (draw_starts(varied(seed), endless_lanes(GRID)) for seed in (1, 2, 1))
     assert [start.point for start in one] == [start.point for start in again]
     assert len({start.point for start in one} & {start.point for start in other}) < 24
-    drawn = {rank for seed in range(40) for rank in connected_ranks(varied(seed).traffic, seed, is_drawn=True)}
-    assert len(drawn) == 24
-    pool = {
-        rank for seed in range(40) for rank in connected_ranks(varied(seed, cav_pool=5).traffic, seed, is_drawn=True)
-    }
+    drawn = [draw_starts(varied(seed), endless_lanes(GRID)) for seed in range(100)]
+    assert len({rank for _, ranks in drawn for rank in ranks}) == 24
+    for starts, ranks in drawn:
+        assert tuple(start.rank for start in starts if start.is_cav) == ranks
+    pool = {rank for seed in range(40) for rank in draw_starts(varied(seed, cav_pool=5), endless_lanes(GRID))[1]}
     assert pool == set(range(5))
+
+
+@pytest.mark.parametrize("first", [0, 7, 1000])
+def test_cavs_of_seeds_that_follow_each_other_start_apart(first: int) -> None:
+    """As far as half of an even spacing along the lanes, and never at the place of another seed in a round."""
+    points = spawn_points(GRID, endless_lanes(GRID))
+    near = [point for point in points if np.linalg.norm(np.array(point.position) - CENTER) <= 110.0]
+    places = len(near)  # no two of this town are the same place
+    round_length = places // 3
+    begin = first - first % round_length  # a round's first seed
+    starts: dict[int, set[SpawnPoint]] = {}
+    for seed in range(begin, begin + round_length):
+        found, ranks = drawn_points(points, varied(seed), 110.0)
+        starts[seed] = {found[rank] for rank in ranks}
+    assert sum(map(len, starts.values())) == len(set().union(*starts.values())) == 3 * round_length
+    for count in (2, 4, 8):
+        rows = sorted(near.index(point) for seed in range(begin, begin + count) for point in starts[seed])
+        gaps = np.diff([*rows, rows[0] + places])
+        assert gaps.min() >= places / (2 ** int(np.ceil(np.log2(3 * count))) * 2)
+
+
+def test_rounds_differ() -> None:
+    points = spawn_points(GRID, endless_lanes(GRID))
+    found = set()
+    for turn in range(20):
+        chosen, ranks = drawn_points(points, varied(turn * (len(points) // 3)), 110.0)
+        found.add(tuple(chosen[rank].position for rank in ranks))
+    assert len(found) > 15
 
 
 def test_too_small_a_radius_is_an_error() -> None:
@@ -69,9 +98,8 @@ def test_without_it_the_start_is_that_of_before() -> None:
     given = replace(varied(3), spawn=None)
     ranks = connected_ranks(given.traffic, 3)
     assert ranks == (0, 1, 2)
-    assert [start.point for start in draw_starts(given, endless_lanes(GRID))] == [
-        start.point for start in draw_starts(replace(given, seed=4), endless_lanes(GRID))
-    ]
+    (one, own), (other, _) = (draw_starts(replace(given, seed=seed), endless_lanes(GRID)) for seed in (3, 4))
+    assert own == (0, 1, 2) and [start.point for start in one] == [start.point for start in other]
 
 
 @pytest.mark.slow

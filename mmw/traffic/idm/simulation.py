@@ -12,7 +12,7 @@ from mmw.traffic.idm.lane_change import LaneChanges
 from mmw.traffic.idm.wait_causes import find_causes
 from mmw.traffic.signals import make_plans
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.spawn import SETTLE_S, connected_ranks, draw_starts, name_vehicle, vehicle_order
+from mmw.traffic.spawn import SETTLE_S, draw_starts, name_vehicle, vehicle_order
 from mmw.traffic.vehicle_pose import sample_poses
 
 STATION_SIGMA = 0.12
@@ -20,7 +20,12 @@ STATION_SIGMA = 0.12
 
 
 def start_idm(demand: TrafficDemand) -> IdmEngine:
-    """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0.
+    """Return the vehicles of a scenario at their starts; see `start_fleet`."""
+    return start_fleet(demand)[0]
+
+
+def start_fleet(demand: TrafficDemand) -> tuple[IdmEngine, tuple[int, ...]]:
+    """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0, and CAVs' ranks.
 
     Raises:
         InputError: If the town has too few places, no model can drive from a place without leaving the road, or
@@ -35,21 +40,21 @@ def start_idm(demand: TrafficDemand) -> IdmEngine:
         )
     before = SETTLE_S + traffic.warmup_s
     fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ)
-    cars = [fleet.add(start) for start in draw_starts(demand, fleet.endless)]
+    starts, cav_ranks = draw_starts(demand, fleet.endless)
+    cars = [fleet.add(start) for start in starts]
     changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
-    return IdmEngine(graph, cars, changes, plans, -before)
+    return IdmEngine(graph, cars, changes, plans, -before), cav_ranks
 
 
 def simulate_idm(demand: TrafficDemand) -> TrafficResult:
-    """Return the motion of all vehicles of a scenario, changes of lanes and routes; errors as of `start_idm`."""
-    engine = start_idm(demand)
+    """Return the motion of all vehicles of a scenario, changes of lanes and routes; errors as of `start_fleet`."""
+    engine, cav_ranks = start_fleet(demand)
     lead = round(-engine.start / STEP)
     steps = lead + int(np.ceil((demand.frame_count / FRAME_RATE_HZ + SETTLE_S) / STEP))
     station, speed, waits = record_steps(engine, steps)
     smooth = _resample(station, speed)
     per_step = round(STEP * FRAME_RATE_HZ)
     frames = slice(lead * per_step, lead * per_step + demand.frame_count)
-    cav_ranks = connected_ranks(demand.traffic, demand.seed, is_drawn=demand.spawn is not None)
     tracks, names = [], {}
     for position, rank in enumerate(vehicle_order(cav_ranks, len(engine.cars))):
         car = engine.cars[rank]

@@ -20,7 +20,7 @@ from mmw.traffic.replay.recorded_vehicles import place_vehicles
 from mmw.traffic.replay.trajectory_table import Trajectory
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.route import PATH_STEP
-from mmw.traffic.spawn import RUN_OUT, SETTLE_S, connected_ranks, draw_starts, vehicle_order
+from mmw.traffic.spawn import RUN_OUT, SETTLE_S, draw_starts, vehicle_order
 from mmw.traffic.sumo import worker as sumo_worker
 from mmw.traffic.sumo.network import SumoNetwork, make_network
 from mmw.traffic.sumo.routes import RoutePlanner, SumoVehicle, entry_speeds, lane_limits
@@ -59,7 +59,8 @@ def simulate_sumo(demand: TrafficDemand) -> TrafficResult:
     duration = 2 * SETTLE_S + traffic.warmup_s + demand.frame_count / FRAME_RATE_HZ
     fastest = max(lane.speed for lane in graph.lanes.values())
     planner = RoutePlanner(demand, fastest * duration + RUN_OUT)
-    vehicles = [planner.add(start) for start in draw_starts(demand, planner.endless)]
+    starts, cav_ranks = draw_starts(demand, planner.endless)
+    vehicles = [planner.add(start) for start in starts]
     limits = lane_limits(graph)
     network = make_network(graph, {name: _lane_speed(graph, name, limits[name]) for name in graph.lanes})
     with tempfile.TemporaryDirectory(prefix="mmw-sumo-") as folder:
@@ -80,7 +81,6 @@ def simulate_sumo(demand: TrafficDemand) -> TrafficResult:
         }
         states = _run(place, job)
     first = SETTLE_S + traffic.warmup_s
-    cav_ranks = connected_ranks(traffic, demand.seed, is_drawn=demand.spawn is not None)
     try:
         moves = [
             _trajectory(str(rank), states[:, rank], first, vehicle.shape.name) for rank, vehicle in enumerate(vehicles)
