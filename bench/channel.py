@@ -75,11 +75,10 @@ class OwnSide:
         self.table: SurfaceTable = make_surface_table(self.scene)
 
     def config(self, depth: int, candidates: str) -> ChannelConfig:
-        """Return the channel of a line: one carrier, V dipoles."""
+        """Return the channel of a line: one carrier, and V dipoles, which are the default."""
         return ChannelConfig(
             carriers_hz=(self.options.carrier_hz,), samples_per_tx=self.options.rays,
             candidates=candidates, max_depth=depth,
-            pattern="dipole", polarization="V",
         )  # fmt: skip
 
     def solve(self, links: Links, config: ChannelConfig) -> PathSet:

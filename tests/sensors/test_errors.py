@@ -50,7 +50,7 @@ LIDAR = [
     ("on: cav", 'on = "cav"', "a list is needed, such as [cav]"),
     ("on: [car]", "on names 'car'", "did you mean `cav`?"),
     ("on: [cav, cav]", "names one twice", "name each once"),
-    ("mount: {truck: {}}", "mount names 'truck'", "there are cav, rsu, cav_1"),
+    ("mount: {truck: {}}", "mount names 'truck'", "there are cav, rsu, vru, uav, bs, cav_1"),
     ("mount: {cav: {position_m: [0, 0]}}", "mount.cav.position_m: holds 2", "more are needed"),
     ("mount: {cav: {position_m: [0, 0, 2500]}}", "mount.cav.position_m", "more than 1000 m from the agent"),
     ('name: "1x"', 'name = "1x"', "a letter, then letters"),
