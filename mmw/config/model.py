@@ -20,6 +20,7 @@ from mmw.config.sweep import SweepConfig
 from mmw.config.vary import VaryConfig, draw_air
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.physics.weather.weather import PRESETS
 
 
 class Config(Section):
@@ -112,6 +113,18 @@ class Config(Section):
             frames = self.frames_of(scenario)
             for where, one in sampled:
                 one.check_frames(where, range(frames.start, frames.stop), self.frame_rate_of(scenario))
+        return self
+
+    @model_validator(mode="after")
+    def _driving_weather_exists(self) -> "Config":
+        known = tuple(dict.fromkeys((*self.air, *PRESETS)))
+        for scenario in self.scenarios:
+            name = scenario.traffic.driving_weather if scenario.traffic else None
+            if name is not None and name not in known:
+                raise InputError(
+                    f"scenario {scenario.name!r}: traffic.driving_weather = {name!r}; there are {', '.join(known)}; "
+                    "name one of them"
+                )
         return self
 
     @model_validator(mode="after")

@@ -78,11 +78,24 @@ class TrafficConfig(Section):
     signals: bool = Field(
         default=False, description="whether traffic lights work; the paper's traffic ignores them; engine idm (flag)"
     )
+    driving_weather: Name | None = Field(
+        default=None,
+        description="weather, one of `weathers` or a preset, in which drivers are slower and keep more distance; every "
+        "weather of the dataset shows this drive; engines idm and sumo (name)",
+    )
     pedestrian_count: int = Field(default=0, ge=0, le=500, description="people walking on the sidewalks (count)")
     vru_ranks: tuple[int, ...] = Field(
         default=(),
         description="zero-based ranks, by distance to `spawn_center_m`, of the pedestrians that become connected VRUs, "
         "`vru_1` first (rank)",
+    )
+    cyclist_count: int = Field(
+        default=0, ge=0, le=200, description="cyclists at the edge of the road, around the blocks (count)"
+    )
+    vru_cyclist_ranks: tuple[int, ...] = Field(
+        default=(),
+        description="zero-based ranks, by distance to `spawn_center_m`, of the cyclists that become connected VRUs, "
+        "numbered after those of `vru_ranks` (rank)",
     )
     trajectories: InputPath | None = Field(
         default=None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
@@ -98,7 +111,7 @@ class TrafficConfig(Section):
     @model_serializer(mode="wrap")
     def _without_new_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out keys that are not used, so that configurations of before there were such keep their hash."""
-        return without_empty(handler(self), "vru_ranks")
+        return without_empty(handler(self), "vru_ranks", "cyclist_count", "vru_cyclist_ranks", "driving_weather")
 
     @property
     def cav_count(self) -> int:
@@ -108,7 +121,7 @@ class TrafficConfig(Section):
     @property
     def vru_count(self) -> int:
         """Number of connected vulnerable road users."""
-        return len(self.vru_ranks)
+        return len(self.vru_ranks) + len(self.vru_cyclist_ranks)
 
     @model_validator(mode="after")
     def _engine_fits(self) -> "TrafficConfig":
@@ -131,6 +144,7 @@ class TrafficConfig(Section):
     @model_validator(mode="after")
     def _ranks_exist(self) -> "TrafficConfig":
         _check_ranks("vru_ranks", self.vru_ranks, "pedestrian", self.pedestrian_count)
+        _check_ranks("vru_cyclist_ranks", self.vru_cyclist_ranks, "cyclist", self.cyclist_count)
         if self.cav_ids:  # they set the connected ones
             return self
         _check_ranks("cav_ranks", self.cav_ranks, "vehicle", self.vehicle_count)
@@ -225,5 +239,7 @@ class ScenarioConfig(Section):
     @property
     def _generated_names(self) -> str:
         """Pattern of the names that generated traffic gives."""
-        has_vrus = self.traffic is not None and self.traffic.vru_count > 0
-        return rf"(cav|veh{'|vru' if has_vrus else ''})_\d+"
+        kinds = ["cav", "veh"]
+        if self.traffic is not None:
+            kinds += ["vru"] * bool(self.traffic.vru_count) + ["cyc"] * bool(self.traffic.cyclist_count)
+        return rf"({'|'.join(kinds)})_\d+"

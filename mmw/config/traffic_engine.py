@@ -7,7 +7,10 @@ from mmw.core.errors import InputError
 from mmw.core.extras import EXTRA_OF, install
 from mmw.core.registry import Registry
 
-ENGINE_KEYS = ("cav_pool", "cav_models", "warmup_s", "lane_changes", "signals", "trajectories", "cav_ids", "options")
+ENGINE_KEYS = (
+    "cav_pool", "cav_models", "warmup_s", "lane_changes", "signals", "driving_weather", "trajectories", "cav_ids",
+    "options",
+)  # fmt: skip
 """Keys of `traffic` that some engines use; every engine uses the others."""
 
 

@@ -111,7 +111,7 @@ def agent_counts(scenario: ScenarioConfig, base: Path) -> dict[str, int]:
         agents = {role: roles.count(role) + units.get(role, 0) for role in AGENT_ROLES}
         vehicles = agents["cav"] + roles.count("vehicle")
         return {**agents, "vehicles": vehicles, "boxes": sum(role not in FIXED_ROLES for role in roles)}
-    boxes = traffic.vehicle_count + traffic.pedestrian_count + len(scenario.uavs)
+    boxes = traffic.vehicle_count + traffic.pedestrian_count + traffic.cyclist_count + len(scenario.uavs)
     agents = {"cav": traffic.cav_count, "vru": traffic.vru_count, **units}
     return {**agents, "vehicles": traffic.vehicle_count, "boxes": boxes + len(roles)}  # the town has parked vehicles
 

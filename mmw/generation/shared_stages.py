@@ -5,6 +5,7 @@ import shutil
 from typing import Any
 
 from mmw.config import Config, ScenarioConfig
+from mmw.scene.prepare import scenario_drivers
 from mmw.scene.stage_digests import STAGES, parse_digests
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import read_dataset
@@ -52,6 +53,7 @@ def stage_identity(config: Config, scenario: ScenarioConfig) -> dict[str, Any]:
         "vary": config.vary.model_dump(mode="json", exclude={"weather"}) if config.vary else None,
         "sensors": [sensor.model_dump(mode="json") for sensor in config.sensors],
         "variants": config.variants[weather],
+        "drivers": list(scenario_drivers(config, scenario.traffic)),
         "antennas": [one.model_dump(mode="json") for one in config.channel.antennas if config.channel.enabled],
     }
 

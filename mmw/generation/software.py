@@ -38,7 +38,7 @@ NO_ROWS = (
 )
 """Folders of the package whose code makes no row. All other code counts, so that new code cannot be forgotten."""
 
-OWN_ASSETS = ("drones", "materials", "pedestrians", "schema", "vehicles")
+OWN_ASSETS = ("cyclists", "drones", "materials", "pedestrians", "schema", "vehicles")
 """Folders of shipped assets that any scenario may use. Shipped towns are hashed by scenario."""
 
 

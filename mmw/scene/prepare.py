@@ -5,12 +5,12 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mmw import __version__
-from mmw.config import Config, ScenarioConfig
+from mmw.config import Config, ScenarioConfig, TrafficConfig
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import base_frames
 from mmw.core.hashing import sha256
 from mmw.core.transforms import pose_from_mount
-from mmw.physics.weather.weather import choose_variant
+from mmw.physics.weather.weather import PRESETS, choose_variant
 from mmw.scene.reader import read_stage
 from mmw.scene.roof_places import station_poses
 from mmw.scene.rsu_places import draw_rsu_poses
@@ -27,6 +27,7 @@ from mmw.traffic.drones import fly_drones
 from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.frame_poses import sample_tracks
 from mmw.traffic.roads.town_asset import open_town
+from mmw.traffic.weather_driving import DriverFactors, driver_factors
 from mmw.usd.vehicle_catalog import VehicleModel, load_bodies, load_catalog
 
 
@@ -159,11 +160,20 @@ def make_tracks(
         frame_count, rate_hz = config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario)
         spawn = config.vary.spawn if config.vary else None
         count = base_frames(frame_count, rate_hz)
-        demand = TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn)
+        drivers = scenario_drivers(config, traffic)
+        demand = TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn, drivers=drivers)
         tracks = [*simulate_traffic(demand).tracks, *fly_drones(scenario.uavs, count)]
         return sample_tracks(tracks, frame_count, rate_hz)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
+
+
+def scenario_drivers(config: Config, traffic: TrafficConfig | None) -> DriverFactors:
+    """Return the factors of the weather that people drive in, which the configuration has checked."""
+    name = traffic.driving_weather if traffic else None
+    if name is None:
+        return DriverFactors()
+    return driver_factors(config.air[name].weather(name) if name in config.air else PRESETS[name])
 
 
 def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int, weather: str) -> SceneData:

@@ -12,6 +12,7 @@ from mmw.config import TrafficConfig, VarySpawnConfig
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.roads.town_asset import Town
 from mmw.traffic.vehicle_pose import Shape, make_shape
+from mmw.traffic.weather_driving import DriverFactors
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class TrafficDemand:
     """Warp device of the wheel drops."""
     spawn: VarySpawnConfig | None = None
     """How start positions are drawn by seed; None takes those nearest to `spawn_center_m`."""
+    drivers: DriverFactors = field(default_factory=DriverFactors)
+    """Factors of the weather on what drivers want."""
 
     @cached_property
     def shapes(self) -> list[Shape]:

@@ -1,4 +1,4 @@
-"""Run the configured traffic engine, and add the pedestrians."""
+"""Run the configured traffic engine, and add pedestrians and cyclists."""
 
 from dataclasses import replace
 from typing import Protocol
@@ -8,6 +8,7 @@ import numpy as np
 from mmw.config.traffic_engine import ENGINES, check_package, engine_spec
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
+from mmw.traffic.cyclists import simulate_cyclists
 from mmw.traffic.demand import TrafficDemand, TrafficResult
 from mmw.traffic.pedestrians import simulate_pedestrians
 
@@ -39,10 +40,11 @@ class SteppedTraffic(Protocol):
 
 
 def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
-    """Return the motion of all vehicles and pedestrians of a scenario.
+    """Return the motion of all vehicles, pedestrians and cyclists of a scenario.
 
     Returns:
-        The result of the engine, with the tracks of pedestrians, `ped_001`, `vru_1`..., behind those of vehicles.
+        The result of the engine; behind its vehicles the tracks of pedestrians, `ped_001`, `vru_1`..., and of cyclists,
+        `cyc_001`...
 
     Raises:
         InputError: If the engine is unknown, its package is not installed, the town has no lanes and the engine needs
@@ -55,7 +57,7 @@ def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
         _check_center(demand)
     engine: TrafficEngine = load_reference(spec.simulate)
     result = engine(demand)
-    return replace(result, tracks=[*result.tracks, *simulate_pedestrians(demand)])
+    return replace(result, tracks=[*result.tracks, *simulate_pedestrians(demand), *simulate_cyclists(demand)])
 
 
 def _check_center(demand: TrafficDemand) -> None:

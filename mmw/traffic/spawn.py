@@ -192,7 +192,8 @@ def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> list[Start]:
         points = drawn_points(points, demand, demand.spawn.radius_m)
     for rank, point in enumerate(points):
         generator = seeded(demand.seed, rank, 0)
-        factor, headway = generator.uniform(*DRIVER_FACTOR), generator.uniform(*DRIVER_HEADWAY)
+        factor = generator.uniform(*DRIVER_FACTOR) * demand.drivers.speed
+        headway = generator.uniform(*DRIVER_HEADWAY) * demand.drivers.headway
         number = cav_ranks.index(rank) if rank in cav_ranks else len(traffic.cav_models)
         model = traffic.cav_models[number] if number < len(traffic.cav_models) else None
         starts.append(Start(rank, point, rank in cav_ranks, factor, headway, generator, model))

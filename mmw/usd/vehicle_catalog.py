@@ -66,14 +66,19 @@ def load_figures() -> dict[str, ActorModel]:
     return _bodies("pedestrians", "mmw:pedestrian:")
 
 
+def load_cyclists() -> dict[str, ActorModel]:
+    """Read every shipped cyclist, a person on a bicycle, sorted by name; errors as of `load_catalog`."""
+    return _bodies("cyclists", "mmw:cyclist:")
+
+
 def load_drones() -> dict[str, ActorModel]:
     """Read every shipped drone, sorted by name; errors as of `load_catalog`."""
     return _bodies("drones", "mmw:drone:")
 
 
 def load_bodies() -> dict[str, ActorModel]:
-    """Read every shipped vehicle, figure and drone; errors as of `load_catalog`."""
-    return {**load_catalog(), **load_figures(), **load_drones()}
+    """Read every shipped vehicle, figure, cyclist and drone; errors as of `load_catalog`."""
+    return {**load_catalog(), **load_figures(), **load_cyclists(), **load_drones()}
 
 
 def _bodies(what: str, prefix: str) -> dict[str, ActorModel]:

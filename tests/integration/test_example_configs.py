@@ -105,3 +105,42 @@ def test_bus_and_truck(tmp_path: Path) -> None:
         if row["agent"].startswith("cav")
     )
     assert bus > 2.8 and truck > 2.8 and car < 2.5
+
+
+def test_pedestrian_with_phone(tmp_path: Path) -> None:
+    data = open_dataset(made("pedestrian_with_phone", tmp_path))
+    (frame,) = data.read("frames").to_pylist()
+    counts = {name: frame[f"{name}_count"] for name in ("cav", "rsu", "vru", "uav", "bs", "pedestrian")}
+    assert counts == {"cav": 1, "rsu": 1, "vru": 3, "uav": 0, "bs": 1, "pedestrian": 12}
+    poses = {row["agent"]: row for row in data.read("poses").to_pylist()}
+    assert {name: row["role"] for name, row in poses.items()} == {
+        "cav_1": "cav", "rsu_1": "rsu", "bs_1": "bs", "vru_1": "vru", "vru_2": "vru", "vru_3": "vru",
+    }  # fmt: skip
+    assert poses["bs_1"]["z"] > 10.0  # on a roof
+    boxes = {row["agent"]: row["category"] for row in data.read("boxes").to_pylist() if row["agent"]}
+    assert boxes == {"cav_1": "car", "vru_1": "pedestrian", "vru_2": "pedestrian", "vru_3": "bicycle"}
+    for table in ("imu", "gnss"):
+        assert {row["agent"] for row in data.read(table, columns=["agent"]).to_pylist()} == {"vru_1", "vru_2", "vru_3"}
+    links = {(row["link"], row["peer"], row["agent"]): row for row in data.read("links").to_pylist()}
+    phones = ("vru_1", "vru_2", "vru_3")
+    wanted = {(link, peer, phone) for link, peer in (("i2p", "rsu_1"), ("v2p", "cav_1"), ("downlink", "bs_1"))
+              for phone in phones}  # fmt: skip
+    assert set(links) == wanted | {("d2d", one, other) for one in phones for other in phones if one != other}
+    assert any(row["is_los"] for row in links.values()) and any(row["path_count"] for row in links.values())
+    assert all(
+        row["is_los"] is not None for row in data.read("box_visibility").to_pylist() if row["sensor"] == "antenna"
+    )
+
+
+def test_drone(tmp_path: Path) -> None:
+    data = open_dataset(made("drone", tmp_path, "frames.start=15"))
+    (pose,) = [row for row in data.read("poses").to_pylist() if row["role"] == "uav"]
+    assert pose["agent"] == "uav_1" and 15.0 < pose["z"] < 25.0
+    assert np.hypot(pose["vx"], pose["vy"]) > 2.0 and abs(pose["qx"]) + abs(pose["qy"]) > 0.01  # it flies, tilted
+    cloud = data.frame("drone", "sunny", 15).agents["uav_1"].sweeps["lidar"]
+    assert len(cloud) > 10_000 and np.median(cloud.world[:, 2]) < 1.0  # the street below
+    (box,) = [row for row in data.read("boxes").to_pylist() if row["agent"] == "uav_1"]
+    assert box["category"] == "dynamic" and box["length"] < 0.6
+    assert {row["agent"] for row in data.read("rgb", columns=["agent"]).to_pylist()} == {"uav_1"}
+    for row in data.read("links").to_pylist():
+        assert (row["link"], row["peer"], row["agent"], row["is_los"]) == ("a2g", "rsu_1", "uav_1", True)

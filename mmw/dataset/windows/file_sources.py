@@ -187,15 +187,18 @@ def file_source(
 
 
 def framed_files(dataset: "Dataset", table: str) -> list[tuple[str, str, int, str]]:
-    """Return scenario, weather, first frame and path of every file of a table with frames and weather, by frame.
+    """Return scenario, weather, first frame and path of every file of a table with frames, in the order of frames.
 
     Raises:
         InputError: If a file has a name that no file of a dataset has.
     """
     opened = dataset.arrow(table)
     assert isinstance(opened, pds.FileSystemDataset)  # what Dataset.arrow opens
-    parts = framed_parts(opened)
-    return [(name, weather or "", begin, part.path) for (name, weather), some in parts.items() for begin, part in some]
+    found = []
+    for (scenario, weather), some in framed_parts(opened).items():
+        assert weather is not None  # only `path_geometry`, which is no modality, has none
+        found += [(scenario, weather, begin, part.path) for begin, part in some]
+    return found
 
 
 def decode_points(columns: tuple[str, ...], batch: pa.RecordBatch, index: int) -> np.ndarray:

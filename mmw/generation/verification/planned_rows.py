@@ -134,15 +134,21 @@ class PlannedRows:
         config = self._config
         for scenario, tables in self.seen.static.items():
             agents, kinds = self.seen.agents[scenario], self._kinds.get(scenario, {})
-            own = config.channel.antennas if config.channel.enabled else ()
-            carried = {
+            mounted = {
                 (agent, one.name)
                 for agent, role in agents
-                for one in (*config.sensors, *own)
+                for one in config.sensors
+                if one.is_on(role, agent, *kinds.get(agent, ()))
+            }
+            own = config.channel.antennas if config.channel.enabled else ()
+            antennas = {
+                (agent, one.name)
+                for agent, role in agents
+                for one in own
                 if one.is_on(role, agent, *kinds.get(agent, ()))
             }
             needed = {
-                ("sensors", "agent", "sensor"): carried,
+                ("sensors", "agent", "sensor"): mounted | antennas,
                 ("objects", "object_id"): {(number,) for number in self.seen.objects[scenario]},
                 ("materials", "weather"): {(weather,) for weather in config.weathers},
             }

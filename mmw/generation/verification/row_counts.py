@@ -10,8 +10,7 @@ import pyarrow.compute as pc
 
 from mmw.channel.tables import LINKS, PATH_GAINS, PATH_GEOMETRY
 from mmw.config import Config
-from mmw.config.agent_keys import Identity
-from mmw.config.sensor import Mounted
+from mmw.config.agent_keys import AgentIdentity
 from mmw.config.sensor_spec import spec_of
 from mmw.scene.actor_counts import BODY_COLUMNS, COUNTED, ROLE_COLUMNS
 from mmw.storage.row_checks import SHARD, Names
@@ -51,8 +50,8 @@ COLUMNS = {
 TYPES = {
     SHARD: pa.int32(), "frame": pa.int32(), "agent": pa.int32(), "peer": pa.int32(), "sensor": pa.int32(),
     "antenna": pa.int32(), "peer_antenna": pa.int32(), "role": pa.int32(), "object_id": pa.int32(),
-    "carrier": pa.int32(), "path": pa.int32(), "pixels": pa.int64(), "path_count": pa.int64(),
-    **dict.fromkeys(COUNTED, pa.int64()), COUNT: pa.int64(),
+    "carrier": pa.int32(), "path": pa.int32(), "pixels": pa.int64(),
+    "path_count": pa.int64(), **dict.fromkeys(COUNTED, pa.int64()), COUNT: pa.int64(),
 }  # fmt: skip
 """Column -> type in which it is compared; names are numbers, see `Names`."""
 
@@ -61,9 +60,14 @@ TEXTS = ("agent", "peer", "antenna", "peer_antenna", "sensor", "role", "weather"
 
 
 def count_rows(
-    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int,
+    config: Config,
+    frames: Sequence[range],
+    with_geometry: Sequence[bool],
+    tables: Tables,
+    names: Names,
+    rate_hz: int,
     kinds: Kinds,
-) -> Iterator[tuple[str, int, str]]:  # fmt: skip
+) -> Iterator[tuple[str, int, str]]:
     """Compare the number of rows of each key with what frames, poses, links and the configuration say.
 
     Args:
@@ -108,9 +112,14 @@ def _differences(expected: pa.Table, found: pa.Table, names: Names) -> Iterator[
 
 
 def _expected(
-    config: Config, frames: Sequence[range], with_geometry: Sequence[bool], tables: Tables, names: Names, rate_hz: int,
+    config: Config,
+    frames: Sequence[range],
+    with_geometry: Sequence[bool],
+    tables: Tables,
+    names: Names,
+    rate_hz: int,
     kinds: Kinds,
-) -> Iterator[tuple[str, pa.Table]]:  # fmt: skip
+) -> Iterator[tuple[str, pa.Table]]:
     """Yield tables, and how many rows of each key they must have."""
     shards = np.repeat(np.arange(len(frames)), [len(each) for each in frames])
     numbers = np.concatenate([np.asarray(each) for each in frames]) if frames else []
@@ -156,7 +165,9 @@ def _samples(
     frame = poses["frame"].to_numpy()
     agents = _agents(poses, names, kinds)
     for sensor in config.sensors:
-        is_due = pc.and_(_is_on(sensor, poses, agents, names), pa.array(sensor.is_due(frame, rate_hz)))
+        carriers = [one.name for one in agents if sensor.is_on(*one.identity)]
+        is_on = pc.is_in(poses["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
+        is_due = pc.and_(is_on, pa.array(sensor.is_due(frame, rate_hz)))
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
             found.setdefault(table, []).append(_with(_with(due, "sensor", names.number(sensor.name)), COUNT, each))
@@ -192,8 +203,9 @@ def _visibility(
         pairs = pairs.filter(pc.not_equal(pairs["object_id"], pairs["own"]))
         agents = _agents(traced, names, kinds)
         for antenna in config.channel.antennas:
-            on = pairs.filter(_is_on(antenna, pairs, agents, names))
-            parts.append(_with(on, "sensor", names.number(antenna.name)))
+            carriers = [one.name for one in agents if antenna.is_on(*one.identity)]
+            on = pc.is_in(pairs["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
+            parts.append(_with(pairs.filter(on), "sensor", names.number(antenna.name)))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
 
 
@@ -210,11 +222,11 @@ def _links(config: Config, traced: pa.Table, names: Names, kinds: Kinds) -> pa.T
     """Return the rows of `links`: those that the configuration's rules make of the agents that are there."""
     here = traced.select([SHARD, "frame", "agent"])
     agents = _agents(traced, names, kinds)
-    ends = config.channel.link_ends(agents)
+    ends = config.channel.link_ends([one.identity for one in agents])
     antennas = config.channel.antenna_names
     columns = {
-        "agent": [agents[end.rx][1] for end in ends],
-        "peer": [agents[end.tx][1] for end in ends],
+        "agent": [agents[end.rx].name for end in ends],
+        "peer": [agents[end.tx].name for end in ends],
         "antenna": [antennas[end.rx_antenna] for end in ends],
         "peer_antenna": [antennas[end.tx_antenna] for end in ends],
     }
@@ -227,15 +239,9 @@ def _links(config: Config, traced: pa.Table, names: Names, kinds: Kinds) -> pa.T
     return pa.concat_tables(_with(_with(pairs, "carrier", each), COUNT, 1).select(columns) for each in carriers)
 
 
-def _is_on(one: Mounted, rows: pa.Table, agents: Sequence[Identity], names: Names) -> pa.ChunkedArray:
-    """Return whether the agent of each row carries a sensor or an antenna."""
-    carriers = [agent[1] for agent in agents if one.is_on(*agent)]
-    return pc.is_in(rows["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
-
-
-def _agents(poses: pa.Table, names: Names, kinds: Kinds) -> list[Identity]:
-    """Return role and name of each agent of some poses, and model and class where they are known."""
+def _agents(poses: pa.Table, names: Names, kinds: Kinds) -> list[AgentIdentity]:
+    """Return the agents of some poses."""
     rows = poses.group_by(["role", "agent"], use_threads=False).aggregate([])
     roles, agents = ([names.texts[number] for number in rows[name].to_pylist()] for name in ("role", "agent"))
-    pairs = [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]
-    return [(role, name, *kinds[name]) if name in kinds else (role, name) for role, name in pairs]
+    there = [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]
+    return [AgentIdentity(role, name, *kinds.get(name, ())) for role, name in there]

@@ -25,7 +25,7 @@ AGENT_COLORS = (BLUE, ORANGE, GREEN, RED, PURPLE, SKY)
 """Colors of the lines of agents in turn."""
 
 BOX_STYLES = {
-    "connected": (ORANGE, "connected vehicle"),
+    "connected": (ORANGE, "agent"),
     "person": (PURPLE, "person"),
     "vehicle": (SKY, "other vehicle"),
 }

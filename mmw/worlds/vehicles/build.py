@@ -1,4 +1,4 @@
-"""Build the USD assets of vehicles, figures and the drone: `python -m mmw.worlds.vehicles.build`."""
+"""Build the USD assets of vehicles, figures, the cyclist and the drone: `python -m mmw.worlds.vehicles.build`."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,8 +7,8 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
+from mmw.worlds.vehicles import cyclist_model, drone_model
 from mmw.worlds.vehicles.body_loft import build_skin
-from mmw.worlds.vehicles.drone_model import DRONE_MATERIAL, NAME, PAINTS, build_drone
 from mmw.worlds.vehicles.models import BLUEPRINTS, Block, Blueprint
 from mmw.worlds.vehicles.pedestrian_models import FIGURES, build_figure
 from mmw.worlds.vehicles.primitives import Shape, box, join, pod
@@ -120,8 +120,16 @@ def build_figures(out_dir: str | Path) -> list[Path]:
 
 def build_drones(out_dir: str | Path) -> list[Path]:
     """Write the asset of the drone into a folder of its own below `out_dir`, and return its interface layer."""
-    spec = _spec("dynamic", DRONE_MATERIAL, PAINTS, "mmw:drone:", shape := build_drone())
-    return [write_asset(NAME, shape, spec, Path(out_dir) / NAME)]
+    model = drone_model
+    spec = _spec("dynamic", model.DRONE_MATERIAL, model.PAINTS, "mmw:drone:", shape := model.build_drone())
+    return [write_asset(model.NAME, shape, spec, Path(out_dir) / model.NAME)]
+
+
+def build_cyclists(out_dir: str | Path) -> list[Path]:
+    """Write the asset of the cyclist into a folder of its own below `out_dir`, and return its interface layer."""
+    model = cyclist_model
+    spec = _spec("bicycle", model.CYCLIST_MATERIAL, model.PAINTS, "mmw:cyclist:", shape := model.build_cyclist())
+    return [write_asset(model.NAME, shape, spec, Path(out_dir) / model.NAME)]
 
 
 def _spec(label: str, materials: Mapping[str, str], paints: Sequence[str], prefix: str, shape: Shape) -> AssetSpec:
@@ -141,3 +149,4 @@ def declared_box(blueprint: Blueprint, shape: Shape) -> tuple[np.ndarray, np.nda
 if __name__ == "__main__":
     print(*build_vehicles(assets_dir() / "vehicles"), sep="\n")
     print(*build_figures(assets_dir() / "pedestrians"), *build_drones(assets_dir() / "drones"), sep="\n")
+    print(*build_cyclists(assets_dir() / "cyclists"), sep="\n")

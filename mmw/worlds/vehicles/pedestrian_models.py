@@ -105,7 +105,7 @@ def build_figure(name: str) -> Shape:
         raise InputError(f"figure = {name!r}; needed is one of {', '.join(FIGURES)}; name one of them")
     figure = FIGURES[name]
     h, g = figure.height, figure.height * figure.build
-    shapes = [*_trunk(h, g, figure.has_skirt), *_head(h, figure)]
+    shapes = [*trunk(h, g, figure.has_skirt), *head(h, figure)]
     for sign in (1, -1):
         shapes += [
             *_leg(h, g, sign, 0.042 if figure.has_skirt else 0.050),
@@ -115,8 +115,8 @@ def build_figure(name: str) -> Shape:
     return shape.moved((0.0, 0.0, -float(shape.points[:, 2].min())))
 
 
-def _trunk(h: float, g: float, has_skirt: bool) -> list[Shape]:
-    """Return shirt and hips, or a coat that reaches to the knees."""
+def trunk(h: float, g: float, has_skirt: bool) -> list[Shape]:
+    """Return shirt and hips of a standing figure of height `h` and girth `g` [m], or a coat to the knees."""
     chest = (
         (0.55, 0.0, 0.063, 0.090), (0.61, 0.0, 0.057, 0.082), (0.68, 0.004, 0.062, 0.093), (0.74, 0.007, 0.067, 0.102),
         (0.785, 0.002, 0.061, 0.107), (0.812, -0.003, 0.050, 0.096), (0.832, -0.006, 0.038, 0.060),
@@ -147,7 +147,7 @@ def _leg(h: float, g: float, sign: int, apart: float) -> list[Shape]:
     return [
         limb((0, y, hip), knee, tuple((share, radius * g) for share, radius in thigh), "trousers"),
         limb(knee, ankle, tuple((share, radius * g) for share, radius in shin), "trousers"),
-        _shoe(ankle, h, g),
+        shoe(ankle, h, g),
     ]
 
 
@@ -186,7 +186,8 @@ _LONG_HAIR = (
 )  # fmt: skip
 
 
-def _head(h: float, figure: Figure) -> list[Shape]:
+def head(h: float, figure: Figure) -> list[Shape]:
+    """Return neck, head, hair and face of a standing figure of height `h` [m]."""
     tall = 0.135 * h * figure.head
     low, middle = h - 1.02 * tall, 0.014 * h
 
@@ -217,7 +218,7 @@ def _head(h: float, figure: Figure) -> list[Shape]:
     ]
 
 
-def _shoe(ankle: np.ndarray, h: float, g: float) -> Shape:
+def shoe(ankle: np.ndarray, h: float, g: float) -> Shape:
     """Return a shoe level on the ground."""
     length = 0.15 * h
     heel = np.array([ankle[0] - 0.3 * length, ankle[1], 0.024 * g])
