@@ -107,9 +107,10 @@ def _numbers(one: pa.ChunkedArray, other: pa.ChunkedArray) -> np.ndarray:
     """Return the values of two columns, of names a number for each, shape [rows of both], int64."""
     if pa.types.is_integer(one.type):
         return np.concatenate([column.to_numpy() for column in (one, other)]).astype(np.int64)
-    both = [column.cast(pa.string()).dictionary_encode() for column in (one, other)]
-    whole = pa.chunked_array([*both[0].chunks, *both[1].chunks], both[0].type).unify_dictionaries()
-    parts = [chunk.indices.to_numpy() for chunk in whole.chunks]
+    if one.type != other.type or not pa.types.is_dictionary(one.type):
+        one, other = (column.cast(pa.string()).dictionary_encode() for column in (one, other))
+    whole = pa.chunked_array([*one.chunks, *other.chunks], one.type).unify_dictionaries()
+    parts = [chunk.indices.fill_null(-1).to_numpy() for chunk in whole.chunks]
     return np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
 
 
