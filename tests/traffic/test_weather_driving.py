@@ -53,7 +53,7 @@ def test_traffic_in_rain_is_slower_with_the_same_people_at_the_same_places() -> 
     sun = demand(crossroad(), vehicle_count=1, frame_count=600, warmup_s=1.0)
     assert sun.drivers == (1.0, 1.0)
     rain = replace(sun, drivers=DriverFactors(0.9, 1.2))
-    starts = [draw_starts(one, frozenset(sun.town.lanes.lanes)) for one in (sun, rain)]
+    starts = [draw_starts(one, frozenset(sun.town.lanes.lanes))[0] for one in (sun, rain)]
     for fair, wet in zip(*starts, strict=True):
         assert (wet.factor, wet.headway) == (0.9 * fair.factor, 1.2 * fair.headway) and wet.point == fair.point
     tracks = [simulate_traffic(one).tracks for one in (sun, rain)]
