@@ -270,13 +270,14 @@ def _agents(counts: Mapping[str, int], scenario: ScenarioConfig) -> list[AgentId
     """Return the agents of a scenario; with the model where the configuration gives it, as of the names of a stage."""
     names = {"rsu": scenario.rsus, "bs": scenario.base_stations, "uav": scenario.uavs}
     chosen = scenario.traffic.cav_models if scenario.traffic else ()
+    catalog = load_catalog() if any(chosen) else {}
     found = []
     for role in AGENT_ROLES:
         placed = [agent.name for agent in names.get(role, ())]
         for number in range(counts.get(role, 0)):
             name = placed[number] if number < len(placed) else f"{role}_{number + 1}"
             model = (chosen[number] if role == "cav" and number < len(chosen) else None) or ""
-            label = load_catalog()[model].label if model in load_catalog() else ""
+            label = catalog[model].label if model in catalog else ""
             found.append(AgentIdentity(role, name, model, label))
     return found
 
