@@ -17,6 +17,9 @@ nothing that the facets do not reflect."""
 NO_WEDGES = (*(np.zeros((0, 3)) for _ in range(5)), *(np.zeros(0, np.int32) for _ in range(2)))
 """Result of `find_wedges` where there are none."""
 
+FOLDED = 1e-3
+"""Faces back to back: the sum of their unit normals is shorter than this, which is the angle between them [rad]."""
+
 SAME_PLACE_M = 1e-3
 """Pieces of an edge that are closer than this [m] are one edge."""
 
@@ -88,7 +91,8 @@ def find_wedges(
     """Return the convex edges that two flat surfaces of a mesh share, and on request those that one face has alone.
 
     Faces are counter-clockwise from outside, so that convex and concave edges can be told apart; an edge between
-    faces that disagree about the outside, or with three faces, is none.
+    faces that disagree about the outside, or with three faces, is none. Closed bodies whose faces all look inward are
+    turned. Faces back to back, as of a sheet that has both sides, have the edge of a half-plane.
 
     Args:
         points: Vertices [m], shape [N, 3].
@@ -114,16 +118,20 @@ def find_wedges(
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     length = norm(normal)
     normal /= np.where(length > 0.0, length, 1.0)[:, None]
+    is_turned = inside_out(points, faces, face[order], is_forward[order], starts[real], sizes[real])
+    normal[is_turned] *= -1.0
     pair = starts[(sizes == 2) & real]
     one, two = order[pair], order[pair + 1]
-    keep = (is_forward[one] != is_forward[two]) & (surface[face[one]] != surface[face[two]])
-    keep &= (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
+    keep = (is_forward[one] != is_forward[two]) & (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
     one, two = one[keep], two[keep]
     n0, nn = normal[face[one]], normal[face[two]]
+    is_folded = norm(n0 + nn) < FOLDED
     depth = dot(n0, points[opposite[two]] - points[edges[one, 0]])
-    keep = (dot(n0, nn) < np.cos(MIN_WEDGE_RAD)) & (depth < 0.0)
-    one, two, n0, nn = one[keep], two[keep], n0[keep], nn[keep]
-    away = (n0 + nn) / norm(n0 + nn)[:, None]
+    is_wedge = (surface[face[one]] != surface[face[two]]) & (dot(n0, nn) < np.cos(MIN_WEDGE_RAD)) & (depth < 0.0)
+    keep = is_wedge | is_folded
+    one, two, n0, nn, is_folded = one[keep], two[keep], n0[keep], nn[keep], is_folded[keep]
+    between = (n0 + nn) / np.where(is_folded, 1.0, norm(n0 + nn))[:, None]
+    away = np.where(is_folded[:, None], _out_of_face(points, edges[one], opposite[one], n0), between)
     s0, sn = surface[face[one]], surface[face[two]]
     swap = s0 > sn
     s0, sn = np.where(swap, sn, s0), np.where(swap, s0, sn)
@@ -132,8 +140,7 @@ def find_wedges(
         open_edge = order[starts[(sizes == 1) & real]]
         open_edge = open_edge[length[face[open_edge]] > 0.0]
         own = normal[face[open_edge]]
-        out = np.cross(points[edges[open_edge, 1]] - points[edges[open_edge, 0]], own)
-        out /= norm(out)[:, None]
+        out = _out_of_face(points, edges[open_edge], opposite[open_edge], own)
         one = np.concatenate([one, open_edge])
         n0, nn = np.concatenate([n0, own]), np.concatenate([nn, -own])
         away = np.concatenate([away, out])
@@ -141,6 +148,52 @@ def find_wedges(
     if len(one) == 0:
         return NO_WEDGES
     return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, away, s0, sn)
+
+
+def inside_out(
+    points: np.ndarray, faces: np.ndarray, face: np.ndarray, is_forward: np.ndarray, starts: np.ndarray,
+    sizes: np.ndarray,
+) -> np.ndarray:  # fmt: skip
+    """Return which faces are of a closed body whose faces all look inward, so that its volume is negative, shape [M].
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Vertex indices, shape [M, 3].
+        face: Face of each half-edge, those of one edge together, shape [3 M].
+        is_forward: Whether the half-edge runs from its lower to its higher vertex, shape [3 M].
+        starts: First half-edge of each edge, shape [E].
+        sizes: Half-edges of each edge, shape [E].
+
+    Source: volume by the divergence theorem, sum of (p0 - c) . ((p1 - c) x (p2 - c)) / 6 over the faces.
+    """
+    body = np.arange(len(faces))
+    first = starts[sizes >= 2]
+    links = np.stack([face[first], face[first + 1]], axis=1)
+    while True:  # the lowest face of each body spreads over its faces
+        lowest = np.minimum(body[links[:, 0]], body[links[:, 1]])
+        before = body.copy()
+        for side in (0, 1):
+            np.minimum.at(body, links[:, side], lowest)
+        body = body[body]
+        if (body == before).all():
+            break
+    is_seam = sizes == 2
+    is_seam[is_seam] = is_forward[starts[is_seam]] != is_forward[starts[is_seam] + 1]
+    loose = np.bincount(body[face[starts[~is_seam]]], minlength=len(faces))  # open edges, or faces that disagree
+    corner = points[faces].astype(np.float64)
+    corner -= corner[body][:, :1]
+    volume = np.bincount(body, weights=np.einsum("fk,fk->f", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
+    size = np.bincount(body, weights=np.linalg.norm(corner, axis=2).max(axis=1) ** 3)
+    is_turned = (loose[: len(volume)] == 0) & (volume < -1e-12 * size)  # a body without thickness has no inside
+    return is_turned[body]
+
+
+def _out_of_face(points: np.ndarray, edge: np.ndarray, opposite: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the unit vector across an edge of a face, in its plane and away from it, shape [E, 3]."""
+    out = np.cross(points[edge[:, 1]] - points[edge[:, 0]], normal)
+    out /= np.maximum(norm(out), 1e-300)[:, None]
+    inward = dot(out, points[opposite] - points[edge[:, 0]]) > 0.0
+    return np.where(inward[:, None], -out, out)
 
 
 def _joined(

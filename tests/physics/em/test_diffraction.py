@@ -68,7 +68,8 @@ def test_wedges_of_a_box() -> None:
     assert lengths == [2.0] * 4 + [3.0] * 4 + [4.0] * 4
     assert edges_of(*split(*split(points, faces))) == edges  # pieces of an edge are one edge
     assert edges_of(points[faces].reshape(-1, 3), np.arange(36, dtype=np.int32).reshape(-1, 3)) == edges
-    assert edges_of(points, faces[:, ::-1]) == []  # a room from inside has concave edges only
+    assert edges_of(points, faces[:, ::-1]) == edges  # closed and inside out: it is turned
+    assert edges_of(points, np.concatenate([faces[:6, ::-1], faces[6:]])) != edges  # faces that disagree are not
     n0, nn = find_wedges(points, faces, surfaces_of(points, faces))[2:4]
     assert np.abs(np.einsum("ex,ex->e", n0, nn)).max() < 1e-12
 
@@ -237,6 +238,36 @@ def test_knife_edge(device: str) -> None:
         assert abs(abs(total[2] / free) - abs(knife[link])) < 0.03
 
 
+def test_bodies_are_turned_one_by_one() -> None:
+    one, other = box_mesh((2.0, 3.0, 4.0)), box_mesh((1.0, 1.0, 1.0), (10.0, 0.0, 0.0))
+    together = np.concatenate([one[0], other[0]]), np.concatenate([one[1], other[1] + len(one[0])])
+    edges = edges_of(*together)
+    assert len(edges) == 24
+    for turned in ([0], [1], [0, 1]):
+        faces = together[1].copy()
+        for body in turned:
+            own = slice(12 * body, 12 * body + 12)
+            faces[own] = faces[own, ::-1]
+        assert edges_of(together[0], faces) == edges
+        assert edges_of(*split(together[0] + 1e4, faces)) == edges_of(together[0] + 1e4, together[1])
+
+
+def test_a_room_has_no_edge_inside_however_its_faces_look(device: str) -> None:
+    """Corners of a room are concave; from outside the same box has its twelve edges."""
+    found = {}
+    for is_turned in (False, True):
+        points, faces = box_mesh((8.0, 6.0, 3.0))
+        room = MeshPart("room", points, faces[:, ::-1] if is_turned else faces, "wall", "building")
+        ends = {"inside": ((-3, -2, 0), (3, 1.5, 0.5)), "outside": ((-9, -7, 0), (9, -7, 1))}
+        for place, (tx, rx) in ends.items():
+            arrays = oracle.link_scene([room], tx, rx, materials=oracle.radio_materials({"wall": METAL}))
+            _, paths = oracle.solve(arrays, DIFFRACTED, device)
+            bent = paths.kind == PATH_DIFFRACTION
+            found[place, is_turned] = sorted(np.round(paths.tau[bent] * 1e12).tolist())
+    assert found["inside", False] == found["inside", True] == []
+    assert found["outside", False] == found["outside", True] != []
+
+
 def test_edges_of_open_sheets() -> None:
     """A sheet has its outline, in whole edges however it is cut; a closed body has none but its own."""
     points, faces = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
@@ -246,21 +277,29 @@ def test_edges_of_open_sheets() -> None:
         np.testing.assert_allclose(n0, -nn)
         assert (np.einsum("ex,ex->e", away, 0.5 * (begin + end) - [2, 1.5, 0]) > 1.0).all()
         assert len(find_wedges(*mesh, surfaces_of(*mesh))[0]) == 0
+        both = mesh[0], np.concatenate([mesh[1], mesh[1][:, ::-1]])  # back to back, as double-sided exports have them
+        begin, end, n0, nn, away, *_ = find_wedges(*both, surfaces_of(*both))
+        assert sorted(np.round(np.linalg.norm(end - begin, axis=1), 9)) == [3.0, 3.0, 4.0, 4.0]
+        np.testing.assert_allclose(n0, -nn)
+        assert (np.einsum("ex,ex->e", away, 0.5 * (begin + end) - [2, 1.5, 0]) > 1.0).all()
     box = box_mesh((2.0, 3.0, 4.0))
     assert len(find_wedges(*box, surfaces_of(*box), sheets=True)[0]) == 12
 
 
 @pytest.mark.parametrize("polarization", ["soft", "hard"])
 @pytest.mark.parametrize("source_deg", [35, 120])
-def test_conducting_sheet_against_eigenfunctions(source_deg: float, polarization: str, device: str) -> None:
-    """The edge of a conducting half-plane, all around it: the sheet lies in the half-plane of angle 0."""
+@pytest.mark.parametrize("sides", [1, 2])
+def test_conducting_sheet_against_eigenfunctions(sides: int, source_deg: float, polarization: str, device: str) -> None:
+    """The edge of a conducting half-plane, all around it: the sheet lies in the half-plane of angle 0. With faces on
+    both sides it is a wedge by itself."""
     angles, source = np.linspace(0.03, 2 * np.pi - 0.03, 40), np.radians(source_deg)
     corners = np.array([[0, 0, -300], [300, 0, -300], [300, 0, 300], [0, 0, 300.0]])
-    sheet = MeshPart("sheet", corners, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32), "wall", "building")
+    faces = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0], [3, 2, 0]], dtype=np.int32)[: 2 * sides]
+    sheet = MeshPart("sheet", corners, faces, "wall", "building")
     rx = (around(NEAR, angle) for angle in angles)
     arrays = oracle.link_scene([sheet], around(FAR, source), *rx, materials=oracle.radio_materials({"wall": CONDUCTOR}))
     loaded_scene = loaded(arrays, device)
-    table = make_surface_table(loaded_scene, wedges=True, sheets=True)
+    table = make_surface_table(loaded_scene, wedges=True, sheets=sides == 1)
     links = make_links(arrays, [0], DIFFRACTED)
     paths = solve_paths(loaded_scene, links, DIFFRACTED, arrays.materials, table)
     assert max(series_errors(paths, angles, 2.0, source, polarization)) < 0.005
