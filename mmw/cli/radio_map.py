@@ -52,7 +52,9 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
     result.add_argument("--scenario", default="", metavar="NAME", help="scenario; the first by default")
     result.add_argument("--weather", default="", metavar="NAME", help="weather; the configuration's first by default")
     result.add_argument("--frame", type=int, metavar="K", help="frame; the configuration's first by default")
-    result.add_argument("--carrier", type=float, default=28e9, metavar="HZ", help="carrier frequency [Hz]")
+    result.add_argument(
+        "--carrier", type=float, metavar="HZ", help="carrier frequency [Hz]; the first of the configuration by default"
+    )
     where = result.add_mutually_exclusive_group()
     where.add_argument("--roads", action="store_true", help="measure over the roads, at a height above them (default)")
     where.add_argument("--plane", action="store_true", help="measure on a level plane, its height counted from z = 0")
@@ -134,7 +136,7 @@ def run(arguments: argparse.Namespace) -> None:
         size_m=None if arguments.size is None else (arguments.size, arguments.size),
     )
     map_config = RadioMapConfig(
-        carrier_hz=arguments.carrier,
+        carrier_hz=channel.carriers_hz[0] if arguments.carrier is None else arguments.carrier,
         samples_per_tx=arguments.samples_per_tx,
         max_depth=arguments.depth,
         refraction=channel.refraction if arguments.refraction is None else arguments.refraction,
@@ -177,7 +179,7 @@ def run(arguments: argparse.Namespace) -> None:
             arrays,
             frame,
             stem.with_suffix(".png"),
-            f"{scenario.name}, {weather}, frame {frame}: {arguments.carrier / 1e9:g} GHz, {power} dBm, "
+            f"{scenario.name}, {weather}, frame {frame}: {map_config.carrier_hz / 1e9:g} GHz, {power} dBm, "
             f"{over} {arguments.height:g} m, depth {map_config.max_depth}",
         )
         print(stem.with_suffix(".png"))

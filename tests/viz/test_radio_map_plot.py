@@ -45,6 +45,12 @@ def test_cells_have_the_values_of_the_metric(metric: str, label: str) -> None:
         assert {text.get_text() for text in figure.axes[0].texts} == {"bs", "far"}
 
 
+def test_transmitters_at_one_place_share_a_label() -> None:
+    result = make_map(plane_grid((0, 0, 1.5), (8, 6), 2.0))
+    result.transmitters.position[1] = result.transmitters.position[0]
+    assert {text.get_text() for text in result.plot("rss").axes[0].texts} == {"bs\nfar"}
+
+
 def test_association_names_the_transmitters() -> None:
     result = make_map(plane_grid((0, 0, 1.5), (8, 6), 2.0))
     figure = result.plot("association")

@@ -1,5 +1,6 @@
 """Plots of radio maps with matplotlib (extra `plot`): a metric, or signal strength and SINR over the town's outline."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -59,8 +60,7 @@ def plot_radio_map(result: RadioMap, arrays: SceneData, frame: int, out: Path, t
         _add_scale(axes, _draw_cells(axes, plan[server >= 0], values[server >= 0]), label)
         x, y = result.transmitters.position[:, 0], result.transmitters.position[:, 1]
         axes.plot(x, y, "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
-        for name, place in zip(result.transmitters.names, result.transmitters.position, strict=True):
-            label_place(axes, name, place[:2], color="red")
+        _label_transmitters(axes, result.transmitters.names, result.transmitters.position)
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", xlabel="x [m]", ylabel="y [m]")
         axes.label_outer()
     figure.suptitle(title, fontsize="medium")
@@ -104,11 +104,19 @@ def draw_radio_map(result: RadioMap, metric: str, tx: str | None, ax: Any, scene
     ax.plot(*near.T[:size], "^", color="red", markersize=8, markeredgecolor="white", zorder=5)
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]", aspect="equal")
     if is_plan:
-        for name, at in zip(result.tx_names, place, strict=True):
-            label_place(ax, name, at[:2], color="red")
+        _label_transmitters(ax, result.tx_names, place)
     else:
         ax.set(zlim=(low[2], high[2]), zlabel="z [m]")
     return ax.figure
+
+
+def _label_transmitters(axes: Any, names: Sequence[str], position: np.ndarray) -> None:
+    """Write the names of transmitters beside them, those at one place, such as sectors, in one label."""
+    together: dict[tuple[float, ...], list[str]] = {}
+    for name, place in zip(names, position, strict=True):
+        together.setdefault(tuple(np.round(place[:2], 2).tolist()), []).append(name)
+    for place, some in together.items():
+        label_place(axes, "\n".join(some), np.array(place), color="red")
 
 
 def _color_by_transmitter(axes: Any, cells: Any, names: tuple[str, ...]) -> None:
