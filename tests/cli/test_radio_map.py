@@ -54,7 +54,7 @@ def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureF
 
 @pytest.mark.slow
 def test_sectors_are_transmitters_at_the_carrier_of_the_configuration(tmp_path: Path) -> None:
-    arguments = ["--config", "sectors_60ghz", "--samples-per-tx", "2e4", "--depth", "0", "--size", "100", "--table-only"]
+    arguments = ["--config", "sectors_60ghz", "--samples-per-tx", "2e4", "--depth", "0", "--size", "90", "--table-only"]
     assert main(["radiomap", *arguments, "--device", "cpu", "--out", str(tmp_path), "frames.count=1"]) == 0
     table = pq.read_table(tmp_path / "sectors_60ghz_radio_map.parquet")
     made = json.loads(table.schema.metadata[b"mmw.radio_map"])
