@@ -41,7 +41,7 @@ LINKS = TableSpec(
         *OWNED,
         *ENDS,
         *CARRIER,
-        column("link", NAME, "", "v2i (from an RSU) or v2v (between CAVs)"),
+        column("link", NAME, "", "name of its rule in `channel.links`, such as v2i (from an RSU to a CAV)"),
         column("path_count", I32, "count", "paths found, 0 or more"),
         column("is_los", pa.bool_(), "", "true if the line of sight is free"),
         column("gain_db", F64, "dB", "10 log10 of the sum of |a|^2 over the paths" + NO_PATH, nullable=True),

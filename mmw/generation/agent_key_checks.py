@@ -6,7 +6,6 @@ from pathlib import Path
 
 from mmw.config import Config
 from mmw.config.agent_keys import LABEL, MODEL
-from mmw.core.errors import InputError
 from mmw.scene.sources import scenario_source
 from mmw.usd.actors import find_actors
 from mmw.usd.open_stage import open_stage, usd_errors
@@ -20,6 +19,9 @@ def unknown_agent_keys(config: Config, base: Path) -> Iterator[str]:
     Args:
         config: The configuration.
         base: Folder that relative paths start from.
+
+    Raises:
+        InputError: If a stage cannot be read.
     """
     keys = [(where, key) for where, key in config.agent_keys if key.startswith((MODEL, LABEL))]
     models = _models(config, base) if any(key.startswith(MODEL) for _, key in keys) else ()
@@ -33,17 +35,13 @@ def unknown_agent_keys(config: Config, base: Path) -> Iterator[str]:
 
 
 def _models(config: Config, base: Path) -> tuple[str, ...]:
-    """Return the models that actors of all scenarios may have; those of a stage that cannot be read are left out,
-    which is a problem of its own."""
+    """Return the models that actors of all scenarios may have."""
     found = dict.fromkeys(load_bodies()) if any(scenario.town for scenario in config.scenarios) else {}
     for scenario in config.scenarios:
         if scenario.stage is None:
             continue
-        try:
-            source = scenario_source(scenario, base)
-            stage = open_stage(source)
-            with usd_errors(source):
-                found |= dict.fromkeys(actor.model_name for actor in find_actors(stage, scenario.actor_roles))
-        except InputError:
-            continue
+        source = scenario_source(scenario, base)
+        stage = open_stage(source)
+        with usd_errors(source):
+            found |= dict.fromkeys(actor.model_name for actor in find_actors(stage, scenario.actor_roles))
     return tuple(found)

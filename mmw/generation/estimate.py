@@ -1,6 +1,7 @@
 """Check the inputs of a configuration, and estimate its frames, rays and bytes before tracing."""
 
 import functools
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,7 +60,6 @@ def check_inputs(config: Config, base: Path) -> None:
 
     known = {**config.air, **PRESETS}
     problems += unknown_entries("materials", config.materials, known)
-    problems += unknown_agent_keys(config, base)
     variants_of = functools.cache(weather_variants)  # scenarios share towns
     for scenario in config.scenarios:
         where = f"scenario {scenario.name!r}"
@@ -73,6 +73,8 @@ def check_inputs(config: Config, base: Path) -> None:
                 f"{where}: channel.links = {list(config.channel.link_names)} has v2i but there are no rsus; add one, "
                 "or use channel.links: [v2v]"
             )
+    if not problems:  # the models that there may be are those of towns and stages, which can be read
+        attempt(lambda: problems.extend(unknown_agent_keys(config, base)))
     if problems:
         raise ConfigError(problems)
 
@@ -246,10 +248,10 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
         ends = channel.link_ends([agent.identity for agent in _agents(counts, scenario)])
         mutual = {(end.tx, end.rx) for end in ends} & {(end.rx, end.tx) for end in ends}
-        senders = 0.0
-        for tx, tx_antenna in {(end.tx, end.tx_antenna) for end in ends}:
-            own = [(end.tx, end.rx) for end in ends if (end.tx, end.tx_antenna) == (tx, tx_antenna)]
-            senders += half if mutual.issuperset(own) else 1.0
+        sent: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+        for end in ends:
+            sent[end.tx, end.tx_antenna].append((end.tx, end.rx))
+        senders = sum(half if mutual.issuperset(own) else 1.0 for own in sent.values())
         if channel.candidates == "launch":
             rays["channel"] = int(senders * channel.samples_per_tx * share(channel))
         link_size = len(channel.carriers_hz) * (ROW_BYTES["links"] + _paths(channel) * GAIN_BYTES)

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from mmw.config import load_config
+from mmw.config import ConfigError, load_config
 from mmw.generation.agent_key_checks import unknown_agent_keys
+from mmw.generation.estimate import check_inputs
 
 
 @pytest.mark.parametrize(
@@ -31,3 +32,12 @@ def test_models_of_a_stage_count(tmp_path: Path) -> None:
     changes = ["scenarios=[{name: own, stage: own.usda}]", "sensors=[{type: imu, on: ['model:mule', 'model:sedan']}]"]
     (line,) = unknown_agent_keys(load_config("quickstart", changes), tmp_path)
     assert "'model:sedan'" in line and "there are mule" in line
+
+
+def test_a_stage_that_cannot_be_read_is_the_one_problem(tmp_path: Path) -> None:
+    changes = ["scenarios=[{name: own, stage: own.usda}]", "sensors=[{type: imu, on: ['model:mule']}]"]
+    for content in ("", "#usda 1.0\ndef Cube {"):
+        (tmp_path / "own.usda").write_text(content)
+        with pytest.raises(ConfigError) as error:
+            check_inputs(load_config("quickstart", changes), tmp_path)
+        assert "own.usda" in str(error.value) and "model:mule" not in str(error.value)
