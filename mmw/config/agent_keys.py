@@ -1,9 +1,8 @@
 """Choose agents: by their names, models, classes or roles."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from pydantic import Field
 
@@ -33,12 +32,7 @@ MODEL, LABEL = "model:", "label:"
 """Prefixes of keys that go by the model and the semantic class of an agent."""
 
 
-Identity = tuple[str, str, str, str] | tuple[str, str]
-"""Role and name of an actor, and its model and class where they are known."""
-
-
-@dataclass(frozen=True)
-class AgentIdentity:
+class AgentIdentity(NamedTuple):
     """Role, name, model and class of an actor: each can choose it."""
 
     role: str
@@ -47,11 +41,6 @@ class AgentIdentity:
     """Vehicle model, such as `city_bus`; empty if it is not known."""
     label: str = ""
     """Semantic class, such as `bus`; empty if it is not known."""
-
-    @property
-    def identity(self) -> tuple[str, str, str, str]:
-        """Role, name, model and class."""
-        return (self.role, self.name, self.model, self.label)
 
     @property
     def keys(self) -> tuple[str, ...]:

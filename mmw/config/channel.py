@@ -5,7 +5,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from mmw.config.agent_keys import Identity
+from mmw.config.agent_keys import AgentIdentity
 from mmw.config.antennas import AntennaConfig
 from mmw.config.links import LINK_RULES, LinkEnds, LinkName, LinkRule, link_ends
 from mmw.config.sampling import Sampling
@@ -70,7 +70,7 @@ class ChannelConfig(Sampling):
         """Names of the rules."""
         return tuple(rule.name for rule in self.link_rules)
 
-    def link_ends(self, agents: Sequence[Identity]) -> list[LinkEnds]:
+    def link_ends(self, agents: Sequence[AgentIdentity]) -> list[LinkEnds]:
         """Return the links of actors, given by role, name, model and class; see `mmw.config.links.link_ends`."""
         return link_ends(self.link_rules, self.antennas, agents)
 

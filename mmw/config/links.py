@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 from pydantic import Field, field_validator
 
-from mmw.config.agent_keys import AgentIdentity, AgentKey, Identity
+from mmw.config.agent_keys import AgentIdentity, AgentKey
 from mmw.config.antennas import AntennaConfig
 from mmw.config.section import Name, Section
 from mmw.core.errors import InputError
@@ -78,7 +78,7 @@ class LinkEnds(NamedTuple):
 
 
 def link_ends(
-    rules: Sequence[LinkRule], antennas: Sequence[AntennaConfig], agents: Sequence[Identity]
+    rules: Sequence[LinkRule], antennas: Sequence[AntennaConfig], agents: Sequence[AgentIdentity]
 ) -> list[LinkEnds]:
     """Return the links of agents, rule by rule; of several rules that fit, a link is of the first.
 
@@ -100,13 +100,13 @@ def link_ends(
 
 
 def _ends(
-    keys: Sequence[str], names: Sequence[str], antennas: Sequence[AntennaConfig], agents: Sequence[Identity]
+    keys: Sequence[str], names: Sequence[str], antennas: Sequence[AntennaConfig], agents: Sequence[AgentIdentity]
 ) -> list[tuple[int, int]]:
     """Return agent and antenna of each end that a rule names."""
     return [
         (agent, number)
         for agent, identity in enumerate(agents)
-        if any(key in keys for key in AgentIdentity(*identity).keys)
+        if any(key in keys for key in identity.keys)
         for number, antenna in enumerate(antennas)
         if antenna.is_on(*identity) and (not names or antenna.name in names)
     ]

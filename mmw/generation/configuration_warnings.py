@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
-from mmw.config.agent_keys import AGENT_ROLES, Identity
+from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
@@ -42,7 +42,7 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
         yield from arrays.look_notes
 
 
-def _link_warnings(agents: Sequence[Identity], config: Config) -> Iterator[str]:
+def _link_warnings(agents: Sequence[AgentIdentity], config: Config) -> Iterator[str]:
     """Yield warnings of antennas that nobody carries and of rules without a link."""
     channel = config.channel
     for antenna in channel.antennas:

@@ -246,7 +246,7 @@ def frame_cost(config: Config, counts: Mapping[str, int], scenario: ScenarioConf
     if config.channel.enabled:
         channel = config.channel
         half = 0.5 if channel.is_reciprocal else 1.0  # the ends of a pair share the rays
-        ends = channel.link_ends([agent.identity for agent in _agents(counts, scenario)])
+        ends = channel.link_ends(_agents(counts, scenario))
         mutual = {(end.tx, end.rx) for end in ends} & {(end.rx, end.tx) for end in ends}
         sent: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
         for end in ends:
@@ -265,7 +265,7 @@ def carrier_count(sensor: SensorConfig, counts: Mapping[str, int], scenario: Sce
     agents = _agents(counts, scenario)
     known = {key for agent in agents for key in agent.keys}
     others = [key for key in sensor.on if scenario.stage is not None and key not in known and key not in AGENT_ROLES]
-    return sum(sensor.is_on(*agent.identity) for agent in agents) + len(others)
+    return sum(sensor.is_on(*agent) for agent in agents) + len(others)
 
 
 def _agents(counts: Mapping[str, int], scenario: ScenarioConfig) -> list[AgentIdentity]:
@@ -292,7 +292,7 @@ def _agent_words(counts: Mapping[str, int]) -> str:
 
 def link_count(channel: ChannelConfig, counts: Mapping[str, int], scenario: ScenarioConfig) -> int:
     """Return how many links a frame has at one carrier."""
-    return len(channel.link_ends([agent.identity for agent in _agents(counts, scenario)]))
+    return len(channel.link_ends(_agents(counts, scenario)))
 
 
 def _paths(channel: ChannelConfig) -> float:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mmw.config.agent_keys import AgentIdentity
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.frame_rate import pose_stride
 from mmw.physics.materials.material import Material
@@ -103,9 +104,9 @@ class Actor:
     """Name of its model, such as `city_bus`."""
 
     @property
-    def identity(self) -> tuple[str, str, str, str]:
+    def identity(self) -> AgentIdentity:
         """Role, name, model and class: what sensors choose agents by, see `SensorConfig.is_on`."""
-        return (self.role, self.name, self.model_name, self.label)
+        return AgentIdentity(self.role, self.name, self.model_name, self.label)
 
 
 @dataclass(frozen=True)

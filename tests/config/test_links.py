@@ -5,12 +5,14 @@ from typing import Any
 import pytest
 
 from mmw.config import ChannelConfig, Config, LinkRule
-from mmw.config.agent_keys import AGENT_ROLES
+from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
 from mmw.config.links import LINK_RULES
 from mmw.core.errors import InputError
 from tests.fixtures.antennas import antenna_at
 
-EVERYBODY = [(role, f"{role}_{number}") for role in (*AGENT_ROLES, "vehicle", "pedestrian") for number in (1, 2)]
+EVERYBODY = [
+    AgentIdentity(role, f"{role}_{number}") for role in (*AGENT_ROLES, "vehicle", "pedestrian") for number in (1, 2)
+]
 
 
 @pytest.mark.parametrize("name", LINK_RULES)

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 
 from mmw.channel.tables import LINKS, PATH_GAINS, PATH_GEOMETRY
 from mmw.config import Config
-from mmw.config.agent_keys import Identity
+from mmw.config.agent_keys import AgentIdentity
 from mmw.config.sensor import Mounted
 from mmw.config.sensor_spec import spec_of
 from mmw.scene.actor_counts import BODY_COLUMNS, COUNTED, ROLE_COLUMNS
@@ -227,15 +227,15 @@ def _links(config: Config, traced: pa.Table, names: Names, kinds: Kinds) -> pa.T
     return pa.concat_tables(_with(_with(pairs, "carrier", each), COUNT, 1).select(columns) for each in carriers)
 
 
-def _is_on(one: Mounted, rows: pa.Table, agents: Sequence[Identity], names: Names) -> pa.ChunkedArray:
+def _is_on(one: Mounted, rows: pa.Table, agents: Sequence[AgentIdentity], names: Names) -> pa.ChunkedArray:
     """Return whether the agent of each row carries a sensor or an antenna."""
     carriers = [agent[1] for agent in agents if one.is_on(*agent)]
     return pc.is_in(rows["agent"], pa.array(names.numbers(carriers), TYPES["agent"]))
 
 
-def _agents(poses: pa.Table, names: Names, kinds: Kinds) -> list[Identity]:
+def _agents(poses: pa.Table, names: Names, kinds: Kinds) -> list[AgentIdentity]:
     """Return role and name of each agent of some poses, and model and class where they are known."""
     rows = poses.group_by(["role", "agent"], use_threads=False).aggregate([])
     roles, agents = ([names.texts[number] for number in rows[name].to_pylist()] for name in ("role", "agent"))
     pairs = [(role, name) for role, name in zip(roles, agents, strict=True) if role is not None and name is not None]
-    return [(role, name, *kinds[name]) if name in kinds else (role, name) for role, name in pairs]
+    return [AgentIdentity(role, name, *kinds.get(name, ())) for role, name in pairs]

@@ -44,9 +44,9 @@ def write_sensors(
     """
     define(layer, f"{agent_path}/Sensors", "Scope")
     for sensor in sensors:
-        if not sensor.is_on(*agent.identity):
+        if not sensor.is_on(*agent):
             continue
-        pose = mount_pose(sensor, *agent.identity)
+        pose = mount_pose(sensor, *agent)
         path = f"{agent_path}/Sensors/{prim_name(sensor.name)}"
         if (projection := spec_of(sensor).camera) is not None:
             prim = define(layer, path, "Camera")
@@ -61,9 +61,9 @@ def write_sensors(
         )
         set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
     for antenna in antennas:
-        if antenna.is_on(*agent.identity):
+        if antenna.is_on(*agent):
             prim = define(layer, f"{agent_path}/Sensors/{prim_name(antenna.name)}")
-            place(prim, antenna_pose(antenna, *agent.identity))
+            place(prim, antenna_pose(antenna, *agent))
             set_value(prim, "mmw:sensor:type", Sdf.ValueTypeNames.Token, "antenna")
             settings = json.dumps(antenna.model_dump(mode="json", exclude={"name", "mount", "on"}), sort_keys=True)
             set_value(prim, "mmw:sensor:config", Sdf.ValueTypeNames.String, settings)
