@@ -48,6 +48,11 @@ class ChannelConfig(Sampling):
     refraction: bool = Field(
         default=False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
     )
+    finite_surfaces: bool = Field(
+        default=False,
+        description="reflections weakened, and reaching beyond the edges, as the size of the surface against the "
+        "Fresnel zone demands (true or false)",
+    )
     diffraction: bool = Field(default=False, description="around one convex edge of a path, UTD (true or false)")
     diffraction_lit_region: bool = Field(
         default=True, description="diffracted paths also where the source or its reflection is seen (true or false)"
