@@ -20,7 +20,7 @@ Wolf diffraction wave, Progress in Optics 4 (1965) (integral along the edge); D.
 
 import warp as wp
 
-from mmw.kernels.channel.surfaces import EDGE_MARGIN, LinkEnds, Plane, Surfaces, in_box, to_carrier
+from mmw.kernels.channel.surfaces import EDGE_MARGIN, LinkEnds, Plane, Surfaces, to_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
@@ -40,6 +40,9 @@ NODES = wp.constant(32)
 """Nodes of the Gauss-Legendre quadrature of an edge."""
 SETTLED = wp.constant(wp.float64(9.0))
 """Phase along an edge from which its integral is taken along the path of steepest descent [rad]."""
+LOBE = wp.constant(wp.float64(0.5))
+"""A surface of width w has its main lobe up to 2 / w from the mirror's direction, 2.5 / w being `FAR_EDGE` * `LOBE` / w
+[square of a Fresnel coordinate]."""
 INSET_M = wp.constant(wp.float64(1e-3))
 """A path that reflects beside a surface touches it this far inside its outline [m]."""
 
@@ -151,7 +154,7 @@ def edge_share(distance: wp.float64, width: wp.float64) -> wp.float64:
     A surface narrower than the Fresnel zone scatters more widely, so its edges count farther out. `distance` and
     `width` of the surface are Fresnel coordinates. `mmw.physics.em.finite_surfaces.edge_share` is the same function.
     """
-    scaled = distance / (wp.float64(1.0) + wp.float64(1.0) / wp.max(width, wp.float64(1e-9)))
+    scaled = distance / (wp.float64(1.0) + LOBE / wp.max(width, wp.float64(1e-9)))
     t = wp.clamp((FAR_EDGE - scaled) / (FAR_EDGE - NEAR_EDGE), wp.float64(0.0), wp.float64(1.0))
     return t * t * (wp.float64(3.0) - wp.float64(2.0) * t)
 
@@ -315,6 +318,25 @@ def beside_surface(
     return wp.vec4d(touched[0], touched[1], touched[2], wp.float64(1.0))
 
 
+@wp.func
+def most_share(
+    outlines: Outlines, outline: int, scale: wp.float64, cosine: wp.float64, distance: wp.float64
+) -> wp.float64:
+    """Return more than the largest share that an outline can reflect, as a rectangle of its width and area.
+
+    The share of a strip is below w / sqrt(2), below 1.4, and `distance` d beside it [m] below 0.64 sqrt(2) / d of two
+    edges; one of two axes holds d / sqrt(2) at least.
+    """
+    width = scale * outlines.width[outline]
+    length = scale * outlines.area[outline] / wp.max(outlines.width[outline], wp.float64(1e-9))
+    half = wp.float64(0.7071067811865476)
+    limit = wp.float64(0.64) / wp.max(scale * distance, wp.float64(1e-9))
+    across = wp.min(half * width, wp.float64(1.4))
+    along = wp.min(half * length, wp.float64(1.4))
+    most = wp.max(wp.min(across, limit) * along, across * wp.min(along, limit))
+    return wp.min(most, wp.float64(0.5) * width * length * cosine)
+
+
 @wp.kernel
 def cull_finite_kernel(
     ends: LinkEnds,
@@ -353,16 +375,18 @@ def cull_finite_kernel(
     behind = wp.length(rx - point)
     cosine = wp.abs(tx_height) / before
     outline = outlines.group[plane]
-    width = outlines.width[outline]
-    finest = fresnel_scale(outlines.shortest_m, before, behind)
-    most = wp.min(finest * width, wp.float64(0.5) * finest * finest * outlines.area[outline] * cosine)
-    if most < outlines.weakest:
-        return
+    low = surfaces.plane_lower[plane]
+    high = surfaces.plane_upper[plane]
+    away = wp.max(wp.max(low - point, point - high), wp.vec3d())
+    distance = cosine * wp.max(wp.length(away) - wp.float64(1e-4), wp.float64(0.0))
     coarsest = fresnel_scale(outlines.longest_m, before, behind)
-    reach = FAR_EDGE * (wp.float64(1.0) + wp.float64(1.0) / wp.max(coarsest * width, wp.float64(1e-9)))
-    slack = reach / (coarsest * cosine) + wp.float64(1e-4)
-    margin = wp.vec3d(slack, slack, slack)
-    if in_box(surfaces.plane_lower[plane] - margin, surfaces.plane_upper[plane] + margin, point):
+    finest = fresnel_scale(outlines.shortest_m, before, behind)
+    most = wp.max(
+        most_share(outlines, outline, coarsest, cosine, distance),
+        most_share(outlines, outline, finest, cosine, distance),
+    )
+    share = edge_share(coarsest * distance, coarsest * outlines.width[outline])
+    if share > wp.float64(0.0) and most >= outlines.weakest:
         is_candidate_out[row, plane] = wp.uint8(1)
 
 

@@ -93,7 +93,7 @@ class ChannelConfig(Sampling):
     def _preset_fills_in(self) -> "ChannelConfig":
         for key, value in PHYSICS_PRESETS[self.physics].items():
             if key not in self.model_fields_set:
-                self.__dict__[key] = value  # the section is frozen for all others
+                object.__setattr__(self, key, value)  # the section is frozen for all others
         return self
 
     @field_validator("carriers_hz")

@@ -9,9 +9,9 @@ Source: P. Ya. Ufimtsev, Fundamentals of the Physical Theory of Diffraction, 2nd
 
 import numpy as np
 
-from mmw.kernels.channel.finite_surfaces import FAR_EDGE, NEAR_EDGE
+from mmw.kernels.channel.finite_surfaces import FAR_EDGE, LOBE, NEAR_EDGE
 
-WEAKEST_SHARE = 10.0 ** (-30.0 / 20.0)
+WEAKEST_SHARE = 10.0 ** (-25.0 / 20.0)
 """A reflection at a flat surface with less of the mirror's amplitude than this at every carrier is left out [-].
 Design value."""
 
@@ -26,6 +26,6 @@ def edge_share(distance: np.ndarray, width: np.ndarray) -> np.ndarray:
     Returns:
         1 near the point, 0 far from it; see `edge_share` of `kernels/channel/finite_surfaces.py`.
     """
-    scaled = distance / (1.0 + 1.0 / np.maximum(width, 1e-9))
+    scaled = distance / (1.0 + LOBE.value / np.maximum(width, 1e-9))
     t = np.clip((FAR_EDGE.value - scaled) / (FAR_EDGE.value - NEAR_EDGE.value), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
