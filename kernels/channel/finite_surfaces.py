@@ -10,24 +10,22 @@ over S. By Stokes' theorem it is an integral along the outline,
 
     F = [the point is in S] - 1/(2 pi) times the integral of exp(-j pi/2 r^2) d(phi),
 
-whose parts are those of straight edges. An edge at distance d, from x1 d to x2 d along its line, gives
-G(x2) - G(x1) with G(x) the integral from 0 to x of exp(-j beta (1 + t^2)) / (1 + t^2) dt, beta = pi d^2 / 2: Owen's T
-function of a complex argument.
+whose parts are those of straight edges: an edge at distance d, from x1 d to x2 d along its line, gives G(x2) - G(x1) of
+`edge_integral` with beta = pi d^2 / 2.
 
 Source: J. W. Goodman, Introduction to Fourier Optics, section 4.2 (Fresnel coordinates); A. Rubinowicz, The Miyamoto-
-Wolf diffraction wave, Progress in Optics 4 (1965) (integral along the edge); D. B. Owen, Ann. Math. Stat. 27 (1956).
+Wolf diffraction wave, Progress in Optics 4 (1965) (integral along the edge).
 """
 
 import warp as wp
 
+from mmw.kernels.channel.edge_integral import HALF_PI, Quadrature, edge_part, times, turn
 from mmw.kernels.channel.surfaces import EDGE_MARGIN, LinkEnds, Plane, Surfaces, to_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
 wp.set_module_options(DOUBLE_PRECISION)
 
-HALF_PI = wp.constant(wp.float64(1.5707963267948966))
-PI_64 = wp.constant(wp.float64(3.141592653589793))
 TWO_PI_64 = wp.constant(wp.float64(6.283185307179586))
 FAR_EDGE = wp.constant(wp.float64(5.0))
 """An edge farther than this from the point of reflection is left out [Fresnel coordinate]: its wave is 0.045 of the
@@ -36,10 +34,6 @@ NEAR_EDGE = wp.constant(wp.float64(3.0))
 """An edge nearer than this counts in full; in between its share falls smoothly [Fresnel coordinate]."""
 ON_EDGE = wp.constant(wp.float64(1e-9))
 """A point nearer than this to the line of an edge is on it [Fresnel coordinate]."""
-NODES = wp.constant(32)
-"""Nodes of the Gauss-Legendre quadrature of an edge."""
-SETTLED = wp.constant(wp.float64(9.0))
-"""Phase along an edge from which its integral is taken along the path of steepest descent [rad]."""
 LOBE = wp.constant(wp.float64(0.5))
 """A surface of width w has its main lobe up to 2 / w from the mirror's direction, 2.5 / w being `FAR_EDGE` * `LOBE` / w
 [square of a Fresnel coordinate]."""
@@ -65,10 +59,8 @@ class Outlines:
     """Smaller extent of each outline [m], shape [G]."""
     area: wp.array[wp.float64]
     """Area inside each outline [m^2], shape [G]."""
-    node: wp.array[wp.float64]
-    """Nodes of the quadrature on 0 to 1, shape [NODES]."""
-    weight: wp.array[wp.float64]
-    """Its weights, shape [NODES]."""
+    rule: Quadrature
+    """Quadrature along an edge."""
     longest_m: wp.float64
     """Longest wavelength [m]; 0 where surfaces count as infinite."""
     shortest_m: wp.float64
@@ -86,65 +78,6 @@ class FresnelFrame:
     """Vector whose product with an offset [m] is the coordinate u [1/m]."""
     v: wp.vec3d
     """The same for v."""
-
-
-@wp.func
-def turn(phase: wp.float64) -> wp.vec2d:
-    """Return exp(-j phase) as real and imaginary part."""
-    return wp.vec2d(wp.cos(phase), -wp.sin(phase))
-
-
-@wp.func
-def times(a: wp.vec2d, b: wp.vec2d) -> wp.vec2d:
-    """Return the product of two complex numbers."""
-    return wp.vec2d(a[0] * b[0] - a[1] * b[1], a[0] * b[1] + a[1] * b[0])
-
-
-@wp.func
-def near_part(outlines: Outlines, beta: wp.float64, x: wp.float64) -> wp.vec2d:
-    """Return G(x) for x >= 0 and a moderate phase, by quadrature over t = sinh(q)."""
-    top = wp.log(x + wp.sqrt(x * x + wp.float64(1.0)))
-    total = wp.vec2d()
-    for k in range(NODES):
-        grown = wp.exp(top * outlines.node[k])
-        cosh = wp.float64(0.5) * (grown + wp.float64(1.0) / grown)
-        total = total + (outlines.weight[k] * top / cosh) * turn(beta * cosh * cosh)
-    return total
-
-
-@wp.func
-def far_part(outlines: Outlines, beta: wp.float64, x: wp.float64) -> wp.vec2d:
-    """Return the integral from x >= 0 to infinity, along t = x + e^{-j pi/4} q, where the integrand falls."""
-    half = wp.float64(0.7071067811865476)
-    slope = wp.float64(2.0) * half * beta * x
-    top = (wp.sqrt(slope * slope + wp.float64(140.0) * beta) - slope) / (wp.float64(2.0) * beta)
-    total = wp.vec2d()
-    for k in range(NODES):
-        q = top * outlines.node[k]
-        fall = wp.exp(-beta * q * q - slope * q) * outlines.weight[k] * top
-        real = x + half * q
-        imaginary = -half * q
-        below = wp.vec2d(wp.float64(1.0) + real * real - imaginary * imaginary, wp.float64(2.0) * real * imaginary)
-        share = fall / wp.dot(below, below)
-        total = total + times(turn(slope * q), wp.vec2d(below[0] * share, -below[1] * share))
-    return times(total, turn(beta * (wp.float64(1.0) + x * x) + wp.float64(0.5) * HALF_PI))
-
-
-@wp.func
-def edge_part(outlines: Outlines, beta: wp.float64, x: wp.float64) -> wp.vec2d:
-    """Return G(x), an odd function of x."""
-    a = wp.abs(x)
-    total = wp.vec2d()
-    if beta >= wp.float64(4.0):
-        total = far_part(outlines, beta, wp.float64(0.0)) - far_part(outlines, beta, a)
-    else:
-        middle = wp.sqrt(SETTLED / wp.max(beta, wp.float64(1e-30)))
-        total = near_part(outlines, beta, wp.min(a, middle))
-        if a > middle:
-            total = total + far_part(outlines, beta, middle) - far_part(outlines, beta, a)
-    if x < wp.float64(0.0):
-        total = -total
-    return total
 
 
 @wp.func
@@ -223,7 +156,7 @@ def reflected_share(
             beta = HALF_PI * distance * distance
             x1 = wp.dot(a, along) / (length * distance)
             x2 = wp.dot(b, along) / (length * distance)
-            wave = edge_part(outlines, beta, x2) - edge_part(outlines, beta, x1)
+            wave = edge_part(outlines.rule, beta, x2) - edge_part(outlines.rule, beta, x1)
             total = total - (share * side / TWO_PI_64) * wave
     if is_in:
         total = total + wp.vec2d(wp.float64(1.0), wp.float64(0.0))

@@ -7,7 +7,8 @@ import warp as wp
 
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import cross
-from mmw.kernels.channel.finite_surfaces import NODES, Outlines, lies_on_kernel
+from mmw.kernels.channel.edge_integral import NODES
+from mmw.kernels.channel.finite_surfaces import Outlines, lies_on_kernel
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
 from mmw.physics.em.vectors import dot, norm
 
@@ -40,7 +41,6 @@ class OutlineTable:
     def on_device(self, device: str, carriers_hz: tuple[float, ...]) -> Outlines:
         """Return the outlines for kernels, for a set of carriers."""
         out = Outlines()
-        node, weight = np.polynomial.legendre.leggauss(NODES)
         for name, values, dtype in (
             ("group", self.of_plane, wp.int32),
             ("first", self.first, wp.int32),
@@ -49,10 +49,11 @@ class OutlineTable:
             ("normal", self.normal, wp.vec3d),
             ("width", self.width, wp.float64),
             ("area", self.area, wp.float64),
-            ("node", 0.5 * (node + 1.0), wp.float64),
-            ("weight", 0.5 * weight, wp.float64),
         ):
             setattr(out, name, wp.array(values, dtype=dtype, device=device))
+        node, weight = np.polynomial.legendre.leggauss(NODES)
+        out.rule.node = wp.array(0.5 * (node + 1.0), dtype=wp.float64, device=device)
+        out.rule.weight = wp.array(0.5 * weight, dtype=wp.float64, device=device)
         out.longest_m = SPEED_OF_LIGHT / min(carriers_hz)
         out.shortest_m = SPEED_OF_LIGHT / max(carriers_hz)
         out.weakest = WEAKEST_SHARE
