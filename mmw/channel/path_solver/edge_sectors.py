@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.mesh_edges import MeshEdges
-from mmw.kernels.channel.edge_contacts import TOUCH_M, TOUCH_SHARE, EdgeBoxes, edge_contacts_kernel
+from mmw.kernels.channel.edge_contacts import MIN_CONTACT_M, TOUCH_M, TOUCH_SHARE, EdgeBoxes, edge_contacts_kernel
 from mmw.physics.em.vectors import dot, norm
 
 SAME_SIDE_RAD = 1e-3
@@ -190,16 +190,19 @@ def open_sectors(
 def _pieces(
     edge: np.ndarray, low: np.ndarray, high: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return pieces of edges, cut where a contact begins or ends: edge, begin and end of each [m], sorted."""
+    """Return pieces of edges, cut where a contact begins or ends: edge, begin and end of each [m], sorted.
+
+    No piece is shorter than a contact, or than a quarter of its edge.
+    """
     every = np.arange(len(length))
-    at = np.concatenate([low, high])
-    of = np.concatenate([edge, edge])
-    at = np.where(at < TOUCH_M.value, 0.0, np.where(at > length[of] - TOUCH_M.value, length[of], at))
+    at, of = np.concatenate([low, high]), np.concatenate([edge, edge])
+    near = np.minimum(MIN_CONTACT_M.value, 0.25 * length)
+    at = np.where(at < near[of], 0.0, np.where(at > length[of] - near[of], length[of], at))
     of, at = np.concatenate([every, every, of]), np.concatenate([np.zeros(len(length)), length, at])
     order = np.lexsort((at, of))
     of, at = of[order], at[order]
-    near = np.append(False, (of[1:] == of[:-1]) & (at[1:] - at[:-1] < TOUCH_M.value))
-    of, at = of[~near], at[~near]
+    is_cut = np.append(True, (of[1:] != of[:-1]) | (at[1:] - at[:-1] > near[of[1:]]))
+    of, at = of[is_cut], at[is_cut]
     inner = of[1:] == of[:-1]
     return of[:-1][inner], at[:-1][inner], at[1:][inner]
 
