@@ -16,9 +16,6 @@ from mmw.physics.em.vectors import dot, norm
 SAME_SIDE_RAD = 1e-3
 """Half-planes whose angles differ by less [rad] are one. Faces back to back have unit normals whose sum is shorter."""
 
-Wedge = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E]."""
-
 
 @dataclass(frozen=True)
 class Contacts:
@@ -123,7 +120,7 @@ def _touching(mesh: MeshEdges, edges: np.ndarray, device: str) -> tuple[np.ndarr
 
 def open_sectors(
     mesh: MeshEdges, edges: np.ndarray, contacts: Contacts, surface: np.ndarray, is_sheet: np.ndarray, min_bend: float
-) -> Wedge:
+) -> tuple[np.ndarray, ...]:
     """Return the wedges at edges, piece by piece, from all half-planes that touch each piece.
 
     Args:
@@ -133,6 +130,9 @@ def open_sectors(
         surface: Surface of each face, shape [M].
         is_sheet: Faces that have both sides, shape [M].
         min_bend: Smallest angle between the normals of a wedge's faces [rad].
+
+    Returns:
+        begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E].
     """
     begin, end = (mesh.points[mesh.vertex[mesh.first[edges], k]] for k in (0, 1))
     length = norm(end - begin)

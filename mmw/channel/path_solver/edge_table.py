@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, Wedge, find_contacts, open_sectors
+from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, find_contacts, open_sectors
 from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.kernels.channel.edge_contacts import TOUCH_M
 from mmw.kernels.channel.edges import Wedges
@@ -89,7 +89,7 @@ def find_wedges(
     sheets: bool = False,
     min_bend: float = MIN_BEND_RAD,
     device: str = "cpu",
-) -> Wedge:
+) -> tuple[np.ndarray, ...]:
     """Return the convex edges between flat surfaces of a mesh, and on request the free ones of open sheets.
 
     Faces are counter-clockwise from outside, so that convex and concave edges can be told apart; an edge between two

@@ -17,13 +17,16 @@ from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.interaction import DIFFRACTION
-from mmw.physics.em.vectors import norm
+from mmw.physics.em.vectors import dot, norm
 
 CANDIDATES_AT_ONCE = 2**20
 """Maximum number of candidates that are refined at once, about 400 bytes each at depth 3."""
 
 SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
+
+SAME_NORMAL_COS = 0.995
+"""Coincident surfaces have normals, on either side, with a larger cosine between them: they bend by less than 0.1 rad."""
 
 
 def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPaths:
@@ -237,6 +240,8 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
         one, other = one[near], other[near]
         same = (found.kind[one] == found.kind[other]).all(axis=1)
         same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
+        is_bent = np.abs(dot(found.normal[one], found.normal[other])) < SAME_NORMAL_COS
+        same &= ~(is_bent & ~is_diffracted[one]).any(axis=1)  # at a corner two surfaces are near each other
         one, other = one[same], other[same]
         is_first = np.where(size[one] == size[other], rank_of[one] < rank_of[other], size[one] < size[other])
         dropped[np.where(is_first, other, one)] = True
