@@ -242,7 +242,7 @@ def refine_kernel(
                 if wp.dot(away, segment.begin) < candidates.offset[candidate, k]:
                     away = -away
                 segment.stop = segment.end + lift * away
-                if is_covered(scene, batch_index, segment.stop, away, lift, origin, segment.own[2]):
+                if is_covered(scene, surfaces, pose, origin, batch_index, segment, lift * away):
                     return
         length = length + wp.length(segment.end - segment.begin)
         if k == 0:

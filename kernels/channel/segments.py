@@ -65,16 +65,6 @@ class Segment:
 
 
 @wp.func
-def is_covered(
-    scene: Scene, batch_index: int, start: wp.vec3d, normal: wp.vec3d, lift: wp.float64, origin: wp.vec3d, surface: int
-) -> bool:
-    """Return whether another surface lies between a point of reflection and `start`, where its segments start."""
-    reach = wp.float32(lift * COVER_SHARE)
-    hit = closest_hit(scene, batch_index, single(start - origin), -single(normal), reach, MISS_ID)
-    return hit.surface != MISS_ID and hit.surface != surface
-
-
-@wp.func
 def is_own(surface: int, own: wp.vec4i) -> bool:
     """Return whether a surface is one of those on which a segment begins or ends."""
     return surface == own[0] or surface == own[1] or surface == own[2] or surface == own[3]
@@ -86,6 +76,25 @@ def is_across(plane: Plane, one: wp.vec3d, other: wp.vec3d, margin: wp.float64) 
     height = wp.dot(plane.normal, one) - plane.offset
     other_height = wp.dot(plane.normal, other) - plane.offset
     return height * other_height < wp.float64(0.0) and wp.min(wp.abs(height), wp.abs(other_height)) > margin
+
+
+@wp.func
+def is_covered(
+    scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
+    segment: Segment, lift: wp.vec3d,
+) -> bool:  # fmt: skip
+    """Return whether a surface that a segment crosses lies on the reflecting one, within a lift off where it ends."""
+    start = segment.end + lift
+    height = wp.length(lift)
+    hit = closest_hit(
+        scene, batch_index, single(start - origin), -single(lift / height), wp.float32(height * COVER_SHARE), MISS_ID
+    )
+    is_between = hit.surface != MISS_ID and hit.surface != segment.own[2]
+    if is_between:
+        at = start - (wp.float64(hit.t) / height) * lift
+        plane = plane_at(surfaces, pose, batch_index, hit.surface, at)
+        is_between = is_across(plane, segment.begin, segment.end, IN_PLANE_M)
+    return is_between
 
 
 @wp.func

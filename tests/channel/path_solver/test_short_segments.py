@@ -1,6 +1,6 @@
-"""Antennas close to surfaces and paths into corners: two rays in closed form, all images of a box, far from the origin."""
+"""Antennas close to surfaces and paths into corners: two rays in closed form, all images of boxes and of two walls."""
 
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ def test_two_rays_over_a_conductor(place: str, cells: int, device: str) -> None:
     step = np.linspace(-60.0, 60.0, cells + 1)
     quads = [
         np.array([[a, c, 0], [b, c, 0], [b, d, 0], [a, d, 0.0]])
-        for (a, b), (c, d) in product(zip(step[:-1], step[1:], strict=True), repeat=2)
+        for (a, b), (c, d) in product(pairwise(step), repeat=2)
     ]
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
     ground = [MeshPart(f"Roads/r{k}", transform_points(frame, q), faces, "wall", "road") for k, q in enumerate(quads)]
@@ -90,6 +90,38 @@ def test_all_paths_in_a_closed_metal_box(ends: str, place: str, device: str) -> 
     assert len(wanted) == 1 + sum(4 * order**2 + 2 for order in range(1, depth + 1)) == 231
     assert [order for order, _ in found] == [order for order, _ in wanted]
     np.testing.assert_allclose([length for _, length in found], [length for _, length in wanted], rtol=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_all_paths_between_two_walls_at_an_acute_angle(seed: int, device: str) -> None:
+    """Walls that meet at pi / m give 2 m paths of up to m reflections, by images around the corner; some are close to
+    it, far from the origin and in any attitude."""
+    rng = np.random.default_rng(seed)
+    m, frame = 3 + seed % 5, pose_from_ypr(rng.uniform([-1900, -1900, -30], [1900, 1900, 30]), *rng.uniform(-0.3, 6, 3))
+    angle = np.pi / m
+    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    walls = [
+        MeshPart(f"Buildings/wall_{k}", transform_points(frame, np.array(corners)), faces, "wall", "building")
+        for k, corners in enumerate(
+            [(0, 0, -40), (80 * c, 80 * s, -40), (80 * c, 80 * s, 40), (0.0, 0.0, 40.0)]
+            for c, s in ((1.0, 0.0), (np.cos(angle), np.sin(angle)))
+        )
+    ]
+    distance, turn, z = 10 ** rng.uniform(-2, 0.5, 6), rng.uniform(0.05, 0.95, 6) * angle, rng.uniform(-3, 3, 6)
+    ends = np.column_stack([distance * np.cos(turn), distance * np.sin(turn), z])
+    arrays = oracle.link_scene(walls, *map(tuple, transform_points(frame, ends)), materials=CONDUCTOR)
+    _, paths = oracle.solve(arrays, oracle.channel(carriers_hz=(CARRIER_HZ,), max_depth=m, pattern="iso"), device)
+    for link in range(5):
+        to = ends[link + 1]
+        images = np.concatenate([2 * k * angle + np.array([turn[0], -turn[0]]) for k in range(m)])
+        wanted = np.sqrt(
+            (distance[0] * np.cos(images) - to[0]) ** 2
+            + (distance[0] * np.sin(images) - to[1]) ** 2
+            + (z[0] - to[2]) ** 2
+        )
+        found = paths.tau[paths.link == link] * SPEED_OF_LIGHT
+        assert len(found) == 2 * m
+        np.testing.assert_allclose(np.sort(found), np.sort(wanted), rtol=1e-9)
 
 
 def test_a_path_is_longer_than_a_centimeter(device: str) -> None:
