@@ -47,7 +47,9 @@ class WedgeTable:
         return len(self.carrier)
 
 
-def make_wedge_table(scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool) -> WedgeTable:
+def make_wedge_table(
+    scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool, min_bend: float
+) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
     Args:
@@ -55,12 +57,15 @@ def make_wedge_table(scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sh
         plane: Plane of every surface of the scene, shape [G].
         enabled: Whether diffraction is wanted.
         sheets: Whether the edges of open sheets are wanted too.
+        min_bend: Smallest angle between the normals of a wedge's faces [rad].
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
     columns = [(len(scene.instance_actor), 0, NO_WEDGES)]
     if enabled:
-        town = find_wedges(arrays.points, arrays.faces, arrays.surface, sheets=sheets)
-        of_model = [find_wedges(model.points, model.faces, model.surface, sheets=sheets) for model in arrays.models]
+        town, *of_model = (
+            find_wedges(mesh.points, mesh.faces, mesh.surface, sheets=sheets, min_bend=min_bend, device=scene.device)
+            for mesh in (arrays, *arrays.models)
+        )
         columns.append((len(scene.instance_actor), 0, town))
         columns += [(k, int(scene.surface_offset[k]), of_model[arrays.actors[actor].model]) for k, actor in instances]
     vectors = [np.concatenate(values) for values in zip(*(wedges[:5] for _, _, wedges in columns), strict=True)]

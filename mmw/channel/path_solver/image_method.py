@@ -26,7 +26,7 @@ SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
 
 SAME_NORMAL_COS = 0.995
-"""Coincident surfaces have normals, on either side, with a larger cosine between them: they bend by less than 0.1 rad."""
+"""Coincident surfaces have normals, on either side, with a larger cosine between them: bends below 0.1 rad."""
 
 
 def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPaths:

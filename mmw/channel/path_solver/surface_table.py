@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
+from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
 from mmw.physics.em.vectors import dot, norm
@@ -57,13 +57,16 @@ class SurfaceTable:
         return np.unique(self.material_id)
 
 
-def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
+def make_surface_table(
+    scene: DeviceScene, *, wedges: bool = False, sheets: bool = False, min_bend: float = MIN_BEND_RAD
+) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
     Args:
         scene: The scene; nothing of its batch is used.
         wedges: Whether their convex edges are wanted, for diffraction.
         sheets: Whether the edges of open sheets count among them.
+        min_bend: Smallest angle between the normals of a wedge's faces [rad].
     """
     arrays = scene.arrays
     town_count = arrays.town_surface_count
@@ -123,7 +126,7 @@ def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
-        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets),
+        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets, min_bend=min_bend),
         has_wedges=wedges,
     )
 

@@ -39,8 +39,7 @@ def test_two_rays_over_a_conductor(place: str, cells: int, device: str) -> None:
     heights = [1e-5, 1e-4, 1e-3, 2e-3, 3e-3, 6e-3, 0.01, 0.03, 0.1]
     step = np.linspace(-60.0, 60.0, cells + 1)
     quads = [
-        np.array([[a, c, 0], [b, c, 0], [b, d, 0], [a, d, 0.0]])
-        for (a, b), (c, d) in product(pairwise(step), repeat=2)
+        np.array([[a, c, 0], [b, c, 0], [b, d, 0], [a, d, 0.0]]) for (a, b), (c, d) in product(pairwise(step), repeat=2)
     ]
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
     ground = [MeshPart(f"Roads/r{k}", transform_points(frame, q), faces, "wall", "road") for k, q in enumerate(quads)]
