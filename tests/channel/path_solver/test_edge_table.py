@@ -5,8 +5,10 @@ from itertools import product
 import numpy as np
 import pytest
 
+import mmw
 from mmw.channel.path_solver.edge_table import find_wedges
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS
+from mmw.core.errors import InputError
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import pose_from_ypr, transform_points
 from mmw.physics.materials.material import RadioMaterial
@@ -227,3 +229,25 @@ def test_no_path_bends_at_the_joint_of_a_flat_facade(device: str) -> None:
         points = paths.vertex[paths.kind == PATH_DIFFRACTION, 0]
         found[name] = points[(np.abs(points[:, :2]) < 0.3).all(axis=1)]
     assert len(found["two"]) == 0 and len(found["far"]) > 0  # a gap between them has edges
+
+
+@pytest.mark.parametrize(("limit", "count"), [(0.05, 0), (0.04, 1)])
+def test_the_limit_of_bends_is_an_option(limit: float, count: int, device: str) -> None:
+    """A facade that bends back by 0.044 rad, as in Munich, diffracts where the limit is lower."""
+    roof = [(0.0, 0.0), (9.0, 9 * np.tan(0.044)), (9.0, 20.0), (-9.0, 20.0), (-9.0, 0.0)]
+    house = MeshPart("Buildings/house", *prism(roof, 0.0, 9.0), "wall", "building")
+    arrays = oracle.link_scene(
+        [house], (-5.0, -6.0, 3.0), (6.0, -4.0, 4.0), materials=oracle.radio_materials({"wall": CONCRETE})
+    )
+    config = oracle.channel(
+        carriers_hz=(3.5e9,), diffraction=True, diffraction_min_bend_rad=limit, specular_reflection=False
+    )
+    _, paths = oracle.solve(arrays, config, device)
+    points = paths.vertex[paths.kind == PATH_DIFFRACTION, 0]
+    assert (np.abs(points[:, :2]) < 1e-6).all(axis=1).sum() == count
+
+
+@pytest.mark.parametrize("limit", [0.0, -0.1, 1.6, float("nan")])
+def test_the_limit_of_bends_has_a_range(limit: float) -> None:
+    with pytest.raises(InputError, match="diffraction_min_bend_rad"):
+        mmw.PathSolver(diffraction=True, diffraction_min_bend_rad=limit)
