@@ -26,9 +26,9 @@ class Contacts:
     face: np.ndarray
     """Face, shape [C]."""
     low: np.ndarray
-    """Where the contact begins, from the edge's begin [m], shape [C]."""
+    """Begin of the contact, from the edge's begin [m], shape [C]."""
     high: np.ndarray
-    """Where it ends [m], shape [C]."""
+    """End of it [m], shape [C]."""
     side: np.ndarray
     """Unit vector across the edge into the face, shape [C, 3]."""
 
