@@ -92,7 +92,7 @@ class ChannelConfig(Sampling):
 
     @property
     def wedge_options(self) -> dict[str, Any]:
-        """What decides which edges of a scene diffract, as arguments of `make_surface_table`."""
+        """Arguments of `make_surface_table` that decide which edges of a scene diffract."""
         return {
             "wedges": self.diffraction,
             "sheets": self.edge_diffraction,
