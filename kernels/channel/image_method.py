@@ -8,6 +8,8 @@ from mmw.kernels.channel.segments import (
     DIFFRACTION,
     EDGE_LIFTS,
     END_SLACK,
+    LIFT_SHARE,
+    MIN_PATH_M,
     SPECULAR,
     HitBuffers,
     Segment,
@@ -219,6 +221,7 @@ def refine_kernel(
     depth = hits_out.kind.shape[1]
     max_slabs = wp.min(depth - steps, passes)
     filled = wp.int32(0)
+    length = wp.float64(0.0)
     segment = Segment()
     segment.begin = tx
     segment.start = tx
@@ -231,14 +234,15 @@ def refine_kernel(
         segment.own[3] = MISS_ID
         if k < steps:
             segment.end = candidates.point[candidate, k]
-            lift = lift_at(segment.end - origin)
+            after = rx
+            if k + 1 < steps:
+                after = candidates.point[candidate, k + 1]
+            nearest = wp.min(wp.length(segment.end - segment.begin), wp.length(after - segment.end))
+            lift = wp.min(lift_at(segment.end - origin), LIFT_SHARE * nearest)
             if k == edge:
                 wedge = -2 - candidates.step[candidate, k]
                 segment.own[2] = wedges.surface_0[wedge]
                 segment.own[3] = wedges.surface_n[wedge]
-                after = rx
-                if k + 1 < steps:
-                    after = candidates.point[candidate, k + 1]
                 ends_w = edge_world(wedges, pose, batch_index, wedge)
                 if not (is_outside(ends_w, segment.begin) and is_outside(ends_w, after)):
                     return
@@ -249,8 +253,9 @@ def refine_kernel(
                 if wp.dot(away, segment.begin) < candidates.offset[candidate, k]:
                     away = -away
                 segment.stop = segment.end + lift * away
-                if is_covered(scene, batch_index, segment.stop, away, lift, origin, segment.own[2]):
+                if is_covered(scene, surfaces, pose, origin, batch_index, segment, lift * away):
                     return
+        length = length + wp.length(segment.end - segment.begin)
         if k == 0:
             segment.start = segment.start + END_SLACK * (segment.end - segment.start)
         if k == steps:
@@ -272,4 +277,5 @@ def refine_kernel(
         segment.start = segment.stop
         segment.own[0] = segment.own[2]
         segment.own[1] = segment.own[3]
-    order_out[candidate] = filled
+    if length > MIN_PATH_M:
+        order_out[candidate] = filled

@@ -1,7 +1,7 @@
 """`channel`: the radio links and how their paths are traced. Defaults are the paper's ray-tracing parameters."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -54,6 +54,17 @@ class ChannelConfig(Sampling):
         "Fresnel zone demands (true or false)",
     )
     diffraction: bool = Field(default=False, description="around one convex edge of a path, UTD (true or false)")
+    edge_diffraction: bool = Field(
+        default=False,
+        description="with `diffraction`, around free edges of open sheets too, whose faces then have both sides "
+        "(true or false)",
+    )
+    diffraction_min_bend_rad: float = Field(
+        default=0.05,
+        ge=1e-3,
+        le=1.5,
+        description="edges with a smaller angle between the normals of their faces do not diffract [rad]",
+    )
     diffraction_lit_region: bool = Field(
         default=True, description="diffracted paths also where the source or its reflection is seen (true or false)"
     )
@@ -83,6 +94,16 @@ class ChannelConfig(Sampling):
     def link_ends(self, agents: Sequence[AgentIdentity]) -> list[LinkEnds]:
         """Return the links of actors, given by role, name, model and class; see `mmw.config.links.link_ends`."""
         return link_ends(self.link_rules, self.antennas, agents)
+
+    @property
+    def surface_options(self) -> dict[str, Any]:
+        """Arguments of `make_surface_table`: which edges diffract, and whether surfaces are finite."""
+        return {
+            "wedges": self.diffraction,
+            "sheets": self.edge_diffraction,
+            "min_bend": self.diffraction_min_bend_rad,
+            "finite": self.finite_surfaces,
+        }
 
     @property
     def is_reciprocal(self) -> bool:

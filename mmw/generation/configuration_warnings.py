@@ -82,6 +82,8 @@ def _channel_warnings(arrays: SceneData, config: Config) -> Iterator[str]:
                 f"channel.{switch} finds nothing: no material of the scene has {has}; give one, such as "
                 f"materials={{'label:building': {{{cure}}}}}"
             )
+    if channel.edge_diffraction and not channel.diffraction:
+        yield "channel.edge_diffraction finds nothing: channel.diffraction is false"
     switches = ("specular_reflection", "refraction", "diffraction", "diffuse_reflection")
     if channel.max_depth == 0 and any(getattr(channel, name) for name in switches[1:]):
         listed = ", ".join(name for name in switches[1:] if getattr(channel, name))

@@ -25,6 +25,9 @@ CANDIDATES_AT_ONCE = 2**20
 SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
 
+SAME_NORMAL_COS = 0.995
+"""Coincident surfaces have normals, on either side, with a larger cosine between them: bends below 0.1 rad."""
+
 
 def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPaths:
     """Return the geometry of all paths, sorted by (link, order, kinds, surfaces), without duplicates.
@@ -242,6 +245,8 @@ def _deduplicate(
         if is_finite:  # paths beside the outlines of two faces may touch both in their common corner
             same &= (np.nan_to_num(np.abs(dot(found.normal[one], found.normal[other])), nan=1.0) > 0.99).all(axis=1)
         same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
+        is_bent = np.abs(dot(found.normal[one], found.normal[other])) < SAME_NORMAL_COS
+        same &= ~(is_bent & ~is_diffracted[one]).any(axis=1)  # at a corner two surfaces are near each other
         one, other = one[same], other[same]
         is_first = np.where(size[one] == size[other], rank_of[one] < rank_of[other], size[one] < size[other])
         dropped[np.where(is_first, other, one)] = True

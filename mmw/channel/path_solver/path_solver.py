@@ -74,6 +74,8 @@ class PathSolver:
         refraction: bool = False,
         finite_surfaces: bool = False,
         diffraction: bool = False,
+        edge_diffraction: bool = False,
+        diffraction_min_bend_rad: float = 0.05,
         diffraction_lit_region: bool = True,
         diffuse_reflection: bool = False,
         candidates: Literal["launch", "exhaustive"] = "launch",
@@ -92,6 +94,10 @@ class PathSolver:
             refraction: Go straight through slabs, materials with a thickness.
             finite_surfaces: Weigh reflections by the size of the surface against the Fresnel zone.
             diffraction: Go around one convex edge, by the uniform theory of diffraction.
+            edge_diffraction: With `diffraction`, go around free edges of open sheets too, whose faces then have both
+                sides.
+            diffraction_min_bend_rad: Edges with a smaller angle between the normals of their faces do not diffract
+                [rad].
             diffraction_lit_region: Find diffracted paths also where the source or its reflection is seen.
             diffuse_reflection: Scatter at one rough surface, materials with a scattering coefficient.
             candidates: `launch` finds reflecting surfaces by rays, `exhaustive` tries every surface for every link.
@@ -107,7 +113,8 @@ class PathSolver:
         """
         self._config = _channel_config(
             max_depth=max_depth, los=los, specular_reflection=specular_reflection, refraction=refraction,
-            finite_surfaces=finite_surfaces, diffraction=diffraction, diffraction_lit_region=diffraction_lit_region,
+            finite_surfaces=finite_surfaces, diffraction=diffraction, edge_diffraction=edge_diffraction,
+            diffraction_min_bend_rad=diffraction_min_bend_rad, diffraction_lit_region=diffraction_lit_region,
             diffuse_reflection=diffuse_reflection, candidates=candidates, samples_per_tx=samples_per_tx,
             diffuse_samples=diffuse_samples,
         )  # fmt: skip
@@ -152,8 +159,8 @@ class PathSolver:
         names = [scene.check_weather(name) for name in ([None] if weathers is None else weathers)]
         on_device = scene.device_scene
         table: SurfaceTable = scene.cached(
-            ("surfaces", config.diffraction, config.finite_surfaces),
-            lambda: make_surface_table(on_device, wedges=config.diffraction, finite=config.finite_surfaces),
+            ("surfaces", *config.surface_options.values()),
+            lambda: make_surface_table(on_device, **config.surface_options),
         )
         materials = {name: scene.materials_by_id(name) for name in names}
         _check_materials_once(scene, materials, table, config)

@@ -206,7 +206,7 @@ def solve_paths(
     Source: image method with ray-launched candidates; frequencies and angles as in `docs/concepts/channel.md`.
     """
     if table is None:
-        table = make_surface_table(scene, wedges=config.diffraction, finite=config.finite_surfaces)
+        table = make_surface_table(scene, **config.surface_options)
     check_channel_materials(materials, table.used_materials, config)
     trace = trace_links(scene, links, config, table)
     elements = configured_elements(config, links)

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
+from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
@@ -65,7 +65,12 @@ class SurfaceTable:
 
 
 def make_surface_table(
-    scene: DeviceScene, *, wedges: bool = False, sheets: bool = False, finite: bool = False
+    scene: DeviceScene,
+    *,
+    wedges: bool = False,
+    sheets: bool = False,
+    min_bend: float = MIN_BEND_RAD,
+    finite: bool = False,
 ) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
@@ -73,6 +78,7 @@ def make_surface_table(
         scene: The scene; nothing of its batch is used.
         wedges: Whether their convex edges are wanted, for diffraction.
         sheets: Whether the edges of open sheets count among them.
+        min_bend: Smallest angle between the normals of a wedge's faces [rad].
         finite: Whether the outlines of the surfaces are wanted, for `channel.finite_surfaces`.
     """
     arrays = scene.arrays
@@ -138,7 +144,7 @@ def make_surface_table(
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
-        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets),
+        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets, min_bend=min_bend),
         has_wedges=wedges,
         plane=table["plane"],
         lead=lead,
