@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
-from pxr import Sdf, Usd, UsdShade
+from pxr import Usd, UsdShade
 
 from mmw.config.material_map import MaterialEntry
 from mmw.config.physics_presets import Physics
@@ -22,7 +22,7 @@ from mmw.physics.materials.material import (
     wrong_radio_value,
 )
 from mmw.usd.material_entries import MaterialMap, entry_of, mapped_radio, named_row, overridden
-from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
+from mmw.usd.material_library import LIBRARY, LIBRARY_FILE, NONVISUAL, ROOT
 from mmw.usd.preview_surface import Notes, read_appearance
 from mmw.usd.prim_values import attribute_value, decimal, decimals
 from mmw.usd.schema import RADIO_ATTRIBUTES
@@ -151,17 +151,9 @@ def read_material(
 
 
 def _is_of_library(stage: Usd.Stage, use: MaterialUse) -> bool:
-    """Return whether a material prim is composed from the shipped library."""
-    prim = stage.GetPrimAtPath(use.prim_path)
-    return any(
-        spec.path == f"{ROOT}/{use.name}" and Path(spec.layer.realPath) == _library_path()
-        for spec in prim.GetPrimStack()
-    )
-
-
-@cache
-def _library_path() -> Path:
-    return Path(Sdf.Layer.FindOrOpen(str(assets_dir() / "materials" / "materials.usda")).realPath)
+    """Return whether a material prim is composed from the shipped library, or from the copy of it beside a dataset."""
+    specs = stage.GetPrimAtPath(use.prim_path).GetPrimStack()
+    return any(spec.path == f"{ROOT}/{use.name}" and Path(spec.layer.realPath).name == LIBRARY_FILE for spec in specs)
 
 
 def _as_authored(stage: Usd.Stage, use: MaterialUse, notes: Notes | None) -> Material:
@@ -245,7 +237,7 @@ class Copies:
 @cache
 def library_appearance(name: str) -> Appearance:
     """Return the appearance of a material of the shipped library."""
-    stage = Usd.Stage.Open(str(assets_dir() / "materials" / "materials.usda"))
+    stage = Usd.Stage.Open(str(assets_dir() / "materials" / LIBRARY_FILE))
     return read_appearance(stage.GetPrimAtPath(f"{ROOT}/{name}"), {})
 
 

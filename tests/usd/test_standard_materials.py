@@ -186,12 +186,23 @@ def test_the_page_is_current() -> None:
 @pytest.mark.slow
 def test_a_run_finds_waves_through_glass_and_off_rough_walls(tmp_path: Path) -> None:
     """A street of town03 with the preset, against the same drive with the paper's materials."""
-    changes = ["frames.count=1", "channel.diffuse_samples=2000", "channel.carriers_hz=[4.9e9]", "compute.device=cpu"]
-    standard = mmw.load_config("quickstart", [*changes, "channel.physics=full", "sensors=[]"])
-    data = mmw.generate(standard, out=tmp_path / "standard")
-    kinds = set(data.read("path_geometry").column("kind").to_pylist())
-    assert {"transmission", "diffuse"} <= kinds
-    rows = data.read("materials", weather="sunny").to_pylist()
-    by_name = {row["name"]: row for row in rows}
-    assert by_name["window_glass"]["layers"] == ["itu_glass 0.004", "itu_vacuum 0.016"]
-    assert by_name["brick_facade"]["scattering"] == 0.3 and by_name["asphalt"]["rms_height"] == 0.0004
+    changes = [
+        "frames.count=1", "channel.carriers_hz=[4.9e9]", "compute.device=cpu", "sensors=[]", "channel.max_depth=3",
+        "channel.candidates=launch", "channel.samples_per_tx=100000", "channel.diffuse_reflection=true",
+        "channel.refraction=true", "channel.diffuse_samples=2000", "channel.diffraction=false",
+        "scenarios.0.rsus=[{name: rsu_1, position_m: [60.0, -60.0, 0.14]}]",
+    ]  # fmt: skip
+    counts = {}
+    for physics in ("paper", "standard"):
+        data = mmw.generate(
+            mmw.load_config("quickstart", [*changes, f"channel.physics={physics}"]), out=tmp_path / physics
+        )
+        kinds = data.read("path_geometry").column("kind").to_pylist()
+        counts[physics] = {kind: kinds.count(kind) for kind in ("transmission", "diffuse")}
+        rows = {row["name"]: row for row in data.read("materials", weather="sunny").to_pylist()}
+        is_standard = physics == "standard"
+        assert rows["window_glass"]["layers"] == (["itu_glass 0.004", "itu_vacuum 0.016"] if is_standard else [])
+        assert rows["brick_facade"]["scattering"] == (0.3 if is_standard else 0.0)
+        assert rows["asphalt"]["rms_height"] == (0.0004 if is_standard else 0.0)
+    assert counts["paper"]["diffuse"] == 0 and counts["standard"]["diffuse"] > 500
+    assert counts["standard"]["transmission"] > counts["paper"]["transmission"]
