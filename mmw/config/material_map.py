@@ -49,8 +49,8 @@ class MaterialChanges(Section):
     )
     layers: tuple[str, ...] | None = Field(
         default=None,
-        description="layers in front of the substance, outermost first: `itu_glass 0.004` (row, m), `constant 2.5 0.001 "
-        "0.01` (relative permittivity, S/m, m) or `sheet 5` (ohm/square) (list)",
+        description="layers in front of the substance, outermost first: `itu_glass 0.004` (row, m), `constant 2.5 "
+        "0.001 0.01` (relative permittivity, S/m, m) or `sheet 5` (ohm/square) (list)",
     )
     base: str | None = Field(
         default=None, description="SimReady non-visual base, such as brick: LiDAR, radar roughness, pores (token)"

@@ -173,8 +173,8 @@ MATERIALS = TableSpec(
             "layers",
             list_of(TEXT),
             "",
-            "layers in front of the substance, outermost first: row and thickness [m], `constant`, relative permittivity, "
-            "conductivity [S/m] and thickness [m], or `sheet` and its resistance [ohm/square]",
+            "layers in front of the substance, outermost first: row and thickness [m]; `constant`, relative "
+            "permittivity, conductivity [S/m] and thickness [m]; or `sheet` and its resistance [ohm/square]",
         ),
         column("nonvisual_base", NAME, "", "SimReady non-visual base token"),
         column("lidar_reflectance", F64, "-", "diffuse reflectance at 905 nm, 0 to 1"),

@@ -4,9 +4,9 @@ The paper's table of materials has smooth half-spaces. The presets of `channel.p
 descriptions instead, for materials of the library only; what a user says of a material stands above them. LiDARs,
 cameras and radars see no difference.
 
-Each number has a source, or says that it is an engineering value: then the source gives its order of magnitude. Walls of
-the shipped towns are single surfaces, so a facade is a whole wall; props are closed bodies, of which a ray meets two
-faces, so each of their faces has half the material.
+Each number has a source, or says that it is an engineering value. Walls of the shipped towns are single surfaces, so a
+facade is a whole wall; props are closed bodies, of which a ray meets two faces, so each of their faces has half the
+material.
 """
 
 from dataclasses import dataclass, replace
@@ -35,8 +35,7 @@ LOBES: dict[str, Any] = {"scattering_pattern": "directive", "alpha_r": 4, "xpd":
 """A lobe around the reflection, and a tenth of the scattered power in the other polarization."""
 
 LOBES_SOURCE = (
-    "S and lobe: engineering values after Degli-Esposti et al., IEEE Trans. AP 55(1), 2007, who fit S of 0.2 to 0.4 and a "
-    "directive lobe of exponent 4 to walls; xpd: engineering value"
+    "S, lobe and xpd: engineering values, for the directive model of Degli-Esposti et al., IEEE Trans. AP 55(1), 2007"
 )
 """Source of scattering coefficients and lobes."""
 
@@ -83,7 +82,7 @@ CONSTRUCTION = "thicknesses: engineering values of common construction"
 _CLOTH = StandardMaterial(
     RadioMaterial("itu", itu="itu_skin", layers=("constant 1.7 0.05 0.001", "itu_vacuum 0.002")),
     "dry skin of Gabriel et al. 1996 below 1 mm of cotton and 2 mm of air; permittivity of cotton and thicknesses: "
-    "engineering values, in the range of the measurements of denim at 14 to 40 GHz by Harmer et al.",
+    "engineering values",
 )
 _LENS = StandardMaterial(
     RadioMaterial("itu", itu="itu_metal", layers=("constant 2.8 0.01 0.003", "itu_vacuum 0.03")),
@@ -98,7 +97,9 @@ STANDARD: dict[str, StandardMaterial] = {
     # Ground.
     "asphalt": _ground("itu_asphalt_concrete", 0.0004, f"{P2040}, asphalt concrete"),
     "road_marking": _ground(
-        "itu_asphalt_concrete", 0.0002, f"{P2040}, asphalt concrete, below 3 mm of thermoplastic: engineering value",
+        "itu_asphalt_concrete",
+        0.0002,
+        f"{P2040}, asphalt concrete, below 3 mm of thermoplastic: engineering value",
         "constant 3.5 0.05 0.003",
     ),
     "concrete_sidewalk": _ground("itu_concrete", 0.0003, f"{P2040}, concrete"),
@@ -111,7 +112,13 @@ STANDARD: dict[str, StandardMaterial] = {
     ),
     "brick_facade": _entry(
         _wall(
-            "itu_plasterboard", 0.0125, 0.3, 0.0008, "itu_brick 0.102", "itu_vacuum 0.05", "itu_brick 0.102",
+            "itu_plasterboard",
+            0.0125,
+            0.3,
+            0.0008,
+            "itu_brick 0.102",
+            "itu_vacuum 0.05",
+            "itu_brick 0.102",
             "itu_vacuum 0.01",
         ),
         f"{P2040}, brick and plasterboard; cavity wall of two leaves of 102 mm: {CONSTRUCTION}",
@@ -129,7 +136,9 @@ STANDARD: dict[str, StandardMaterial] = {
         f"{P2040}, glass; double glazing 4-16-4 mm without a coat: {CONSTRUCTION}",
     ),
     "glass_facade": _entry(
-        RadioMaterial("itu", itu="itu_glass", thickness=0.006, layers=("itu_glass 0.006", "sheet 8", "itu_vacuum 0.016")),
+        RadioMaterial(
+            "itu", itu="itu_glass", thickness=0.006, layers=("itu_glass 0.006", "sheet 8", "itu_vacuum 0.016")
+        ),
         f"{P2040}, glass; double glazing 6-16-6 mm with a low-emissivity coat of 8 ohm/square on the inner side of the "
         "outer pane: engineering value, such that the loss is about that of 3GPP TR 38.901, table 7.4.3-1, IRR glass, "
         "and the 30 dB that Kiani et al. 2008 measure from 0.8 to 6 GHz",
@@ -143,7 +152,13 @@ STANDARD: dict[str, StandardMaterial] = {
     ),
     "tile_roof": _entry(
         _wall(
-            "itu_plasterboard", 0.0125, 0.4, 0.001, "itu_brick 0.015", "itu_vacuum 0.05", "itu_wood 0.02",
+            "itu_plasterboard",
+            0.0125,
+            0.4,
+            0.001,
+            "itu_brick 0.015",
+            "itu_vacuum 0.05",
+            "itu_wood 0.02",
             "itu_vacuum 0.15",
         ),
         f"{P2040}, brick, wood and plasterboard; tiles of 15 mm over boards of 20 mm: {CONSTRUCTION}",
@@ -154,8 +169,8 @@ STANDARD: dict[str, StandardMaterial] = {
     ),
     "bark": StandardMaterial(
         RadioMaterial("itu", itu="itu_wood", scattering=0.5, rms_height=0.005, xpd=0.2),
-        f"{P2040}, wood; a trunk is too thick to let anything through; Lambertian S, rms height and xpd of ridged bark: "
-        "engineering values",
+        f"{P2040}, wood; a trunk is too thick to let anything through; Lambertian S, rms height and xpd: engineering "
+        "values",
     ),
     "plastic": _PLASTIC,
     "shop_sign": _PLASTIC,
@@ -181,8 +196,8 @@ _METAL = "bare or painted metal is opaque and smooth at these wavelengths: ITU-R
 UNCHANGED: dict[str, str] = {
     **dict.fromkeys(
         (
-            "manhole_cover", "drain_grate", "metal_fascia", "metal_pole", "sign_face", "traffic_light_metal", "car_trim",
-            "car_gloss", "car_mirror", "car_rim", "car_plate", "truck_lettering", "bus_sign",
+            "manhole_cover", "drain_grate", "metal_fascia", "metal_pole", "sign_face", "traffic_light_metal",
+            "car_trim", "car_gloss", "car_mirror", "car_rim", "car_plate", "truck_lettering", "bus_sign",
             *(f"car_paint_{paint}" for paint in PAINTS),
         ),
         _METAL,

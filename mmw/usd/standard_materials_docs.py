@@ -20,7 +20,7 @@ TR38901_DB: Mapping[str, tuple[str, int, float, float]] = {
     "concrete_facade": ("concrete, 5 + 4 f", 1, 5.0, 4.0),
     "wood": ("wood, 4.85 + 0.12 f", 2, 4.85, 0.12),
 }
-"""Material -> what 3GPP TR 38.901, table 7.4.3-1, says of it, faces that a ray meets, and loss a + b f [dB], f in GHz."""
+"""Material -> name in 3GPP TR 38.901, table 7.4.3-1, faces that a ray meets, a and b of the loss a + b f [dB, GHz]."""
 
 
 def penetration_loss_db(radio: RadioMaterial, carrier_hz: float, degrees: float = 0.0) -> float:
@@ -45,9 +45,9 @@ def standard_materials_page() -> str:
     lines = [
         "# Materials beyond the paper",
         "",
-        "Radio descriptions of the shipped library with `channel.physics: standard` or `full`; `paper` keeps those of the "
-        "paper. They hold for materials of the library only, and `materials` of a configuration stands above them. LiDARs, "
-        "cameras and radars do not change. Generated from `mmw/usd/standard_materials.py`. What the keys mean: "
+        "Radio descriptions of the shipped library with `channel.physics: standard` or `full`; `paper` keeps those of "
+        "the paper. They hold for materials of the library only, and `materials` of a configuration stands above them. "
+        "LiDARs, cameras and radars do not change. Generated from `mmw/usd/standard_materials.py`. What the keys mean: "
         "[Own materials](../guides/materials.md).",
         "",
         "| material | dry | in wet weather | source |",
@@ -68,9 +68,10 @@ def standard_materials_page() -> str:
         "",
         "## Penetration losses",
         "",
-        "At normal incidence, averaged over both polarizations and over 30 % of bandwidth around the carrier (between the "
-        "resonances of a single pane the loss differs by some dB), beside 3GPP TR 38.901, table 7.4.3-1, f in GHz. "
-        "Doors and planks are closed bodies with two faces.",
+        "At normal incidence, averaged over both polarizations and over 30 % of bandwidth around the carrier (which "
+        "smooths the resonances of panes), beside 3GPP TR 38.901, table 7.4.3-1, f in GHz. Doors and planks are closed "
+        "bodies with two faces. P.2040's concrete and wood have other slopes over frequency than TR 38.901, so no "
+        "thickness fits at both carriers.",
         "",
         "| material | loss at 4.9 GHz | TR 38.901 | loss at 28 GHz | TR 38.901 | TR 38.901 calls it |",
         "|---|---|---|---|---|---|",

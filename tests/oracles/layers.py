@@ -15,6 +15,8 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(200)
 
 @dataclass(frozen=True)
 class Slab:
+    """A layer of a substance."""
+
     eta: complex
     thickness: float
     """[m]; 0 for the half-space at the back."""
@@ -22,6 +24,8 @@ class Slab:
 
 @dataclass(frozen=True)
 class Sheet:
+    """A conducting sheet."""
+
     ohm: float
     """[ohm/square]."""
 

@@ -48,7 +48,8 @@ def town(request: pytest.FixtureRequest) -> dict[str, SceneData]:
 def power(radio: RadioMaterial, carrier_hz: float) -> tuple[np.ndarray, np.ndarray]:
     """Return reflected and transmitted power of both polarizations at `COSINES`, shape [2, 60] each."""
     response, ids = material_response(radio, carrier_hz), np.zeros(len(COSINES), dtype=int)
-    return tuple(np.abs(np.array(part(ids, COSINES))) ** 2 for part in (response.reflection, response.transmission))
+    reflected, transmitted = response.reflection(ids, COSINES), response.transmission(ids, COSINES)
+    return np.abs(np.array(reflected)) ** 2, np.abs(np.array(transmitted)) ** 2
 
 
 def test_every_material_of_the_library_is_described_or_says_why_not() -> None:

@@ -1,9 +1,9 @@
 """Answer how materials reflect, transmit and scatter at one carrier: the one place that reads their radio description.
 
 Rough surfaces: heights with a Gaussian distribution of standard deviation s weaken the mirror reflection by
-rho = exp(-8 (pi s cos / lambda)^2). With the scattering coefficient S, the mirror keeps (1 - S^2) rho^2 of the reflected
-power and the rest is scattered: S_eff^2 = 1 - (1 - S^2) rho^2, so that together they are always what a smooth surface
-reflects.
+rho = exp(-8 (pi s cos / lambda)^2). With the scattering coefficient S, the mirror keeps (1 - S^2) rho^2 of the
+reflected power and the rest is scattered: S_eff^2 = 1 - (1 - S^2) rho^2, so that together they are always what a smooth
+surface reflects.
 
 Source: W. S. Ament, "Toward a theory of reflection by a rough surface", Proc. IRE 41(1), 1953; in this form in
 O. Landron, M. J. Feuerstein and T. S. Rappaport, "A comparison of theoretical and empirical reflection coefficients for

@@ -120,7 +120,9 @@ def _wrong_value(layer: Layer) -> tuple[str, str] | None:
 
     def above(name: str, low: float, *, or_equal: bool = True) -> bool:
         value = getattr(layer, name)
-        return isinstance(value, Real) and math.isfinite(value) and (value >= low if or_equal else value > low)
+        if not (isinstance(value, Real) and math.isfinite(value)):
+            return False
+        return float(value) >= low if or_equal else float(value) > low
 
     is_sheet = layer.sheet_resistance != 0.0
     is_row = isinstance(layer.itu, str) and layer.itu.removeprefix(PREFIX) in PERMITTIVITY

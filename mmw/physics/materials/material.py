@@ -76,8 +76,8 @@ class RadioMaterial:
 
     Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
     rms_height: float = 0.0
-    """Standard deviation of the surface's height, finer than the mesh [m]; 0 for a smooth surface. It weakens the mirror
-    reflection and scatters what it takes, see `mmw.physics.em.surface_response`."""
+    """Standard deviation of the surface's height, finer than the mesh [m]; 0 for a smooth surface. It weakens the
+    mirror reflection and scatters what it takes, see `mmw.physics.em.surface_response`."""
     layers: tuple[Layer, ...] = ()
     """Layers in front of the substance, outermost first, each a `Layer` or its text form. The substance itself, of
     `thickness`, is the last one: behind it is air, or with thickness 0 it goes on forever."""
