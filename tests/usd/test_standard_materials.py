@@ -111,7 +111,7 @@ def test_water_and_coats_do_what_they_are_known_for() -> None:
         assert penetration_loss_db(plain, carrier_hz) < 10.0
         assert at_normal(coated, carrier_hz) > 0.4  # a mirror behind a pane, of which the coat takes a part
     for name in ("concrete_facade", "marble_facade", "wood"):
-        losses = [penetration_loss_db(STANDARD[name].radio, hz) for hz in (2e9, 4.9e9, 10e9, 28e9)]
+        losses = [penetration_loss_db(STANDARD[name].radio, hz) for hz in (4.9e9, 10e9, 28e9)]
         assert (np.diff(losses) > 0.0).all(), name
         slanted = [penetration_loss_db(STANDARD[name].radio, 28e9, degrees) for degrees in (0.0, 30.0, 60.0)]
         assert (np.diff(slanted) > 0.0).all(), name
