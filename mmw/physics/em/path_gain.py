@@ -28,6 +28,8 @@ class Interactions:
     """The diffractions among them."""
     wedge_material: np.ndarray
     """Material of both faces of each diffraction, shape [Q, 2]."""
+    wedge_width: np.ndarray | None
+    """Smaller extents of the two faces of each wedge [m], shape [Q, 2]; None if faces reflect as if infinite."""
     rough: ScatteringPoints
     """The diffuse reflections among them."""
 
@@ -76,7 +78,13 @@ def path_transfer(
         matrices = plane_matrices(geometry, row, response)
         if has_wedges:
             matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
-                geometry, interactions.wedges, interactions.wedge_material, response, carrier, model
+                geometry,
+                interactions.wedges,
+                interactions.wedge_material,
+                response,
+                carrier,
+                model,
+                interactions.wedge_width,
             )
         scale = None
         if has_rough:
