@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from mmw.config.section import Name, Section, Vec3
 from mmw.core.errors import InputError
+from mmw.physics.materials.layers import parse_layer
 
 
 def _or_name(schema: dict[str, Any]) -> None:
@@ -43,6 +44,14 @@ class MaterialChanges(Section):
     lobe_share: float | None = Field(
         default=None, ge=0, le=1, description="share of the lobe around the reflection in backscattering (fraction)"
     )
+    rms_height: float | None = Field(
+        default=None, ge=0, description="standard deviation of the surface's height, 0 for a smooth one [m]"
+    )
+    layers: tuple[str, ...] | None = Field(
+        default=None,
+        description="layers in front of the substance, outermost first: `itu_glass 0.004` (row, m), `constant 2.5 "
+        "0.001 0.01` (relative permittivity, S/m, m) or `sheet 5` (ohm/square) (list)",
+    )
     base: str | None = Field(
         default=None, description="SimReady non-visual base, such as brick: LiDAR, radar roughness, pores (token)"
     )
@@ -67,9 +76,17 @@ class MaterialChanges(Section):
     def _from_name(cls, value: Any) -> Any:
         if isinstance(value, str):
             return {"radio": value}
-        if isinstance(value, dict) and isinstance(value.get("color"), list):
+        if isinstance(value, dict):
             # A validator that runs first leaves JSON behind, and strict Python takes no list for a tuple.
-            return {**value, "color": tuple(value["color"])}
+            lists = {key: tuple(value[key]) for key in ("color", "layers") if isinstance(value.get(key), list)}
+            return {**value, **lists}
+        return value
+
+    @field_validator("layers")
+    @classmethod
+    def _layers(cls, value: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        for text in value or ():
+            parse_layer(text)
         return value
 
     @model_validator(mode="after")

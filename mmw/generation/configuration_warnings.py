@@ -74,10 +74,10 @@ def _channel_warnings(arrays: SceneData, config: Config) -> Iterator[str]:
     used = np.unique(np.concatenate([arrays.material, *(model.material for model in arrays.models)]))
     radios = [by_id[k].radio for by_id in arrays.materials.values() for k in used.tolist()]
     for switch, field, has, cure in (
-        ("diffuse_reflection", "scattering", "a scattering coefficient", "scattering: 0.3"),
-        ("refraction", "thickness", "a thickness", "thickness: 0.2"),
+        ("diffuse_reflection", "scatters", "a scattering coefficient", "scattering: 0.3"),
+        ("refraction", "transmits", "a thickness", "thickness: 0.2"),
     ):
-        if getattr(channel, switch) and not any(getattr(radio, field) > 0.0 for radio in radios):
+        if getattr(channel, switch) and not any(getattr(radio, field) for radio in radios):
             yield (
                 f"channel.{switch} finds nothing: no material of the scene has {has}; give one, such as "
                 f"materials={{'label:building': {{{cure}}}}}"

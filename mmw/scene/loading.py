@@ -143,7 +143,7 @@ def _from_config(
         variants = {**config.variants, **others}
         data = read_stage(
             stage, _inner(config, scenario), variants, margin=1, rate_hz=config.frame_rate_of(scenario),
-            roles=scenario.actor_roles, material_map=config.materials_of(scenario),
+            roles=scenario.actor_roles, material_map=config.materials_of(scenario), physics=config.channel.physics,
         )  # fmt: skip
     _log_notes(data)
     first = config.frames_of(scenario).start if frame is None else frame

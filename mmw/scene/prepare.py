@@ -189,6 +189,7 @@ def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int
         rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
+        physics=config.channel.physics,
     )
 
 
@@ -207,4 +208,5 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
         rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
+        physics=config.channel.physics,
     )

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from pxr import Usd
 
+from mmw.config.physics_presets import Physics
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import pose_stride
@@ -40,6 +41,7 @@ def read_stage(
     rate_hz: int = FRAME_RATE_HZ,
     roles: Mapping[str, str] | None = None,
     material_map: MaterialMap | None = None,
+    physics: Physics = "paper",
 ) -> SceneData:
     """Read town, actors, poses and materials of a stage.
 
@@ -57,6 +59,8 @@ def read_stage(
         roles: Prim path -> one of `mmw.usd.actors.ROLES`, for stages without `mmw:actor:role`.
         material_map: Glob of mesh prim paths or material names, or `label:` and one of classes -> what a mesh is,
             whatever the stage says.
+        physics: Preset of the channel; beyond `paper`, materials of the shipped library are more than the paper's, see
+            `mmw.usd.standard_materials`.
 
     Returns:
         The scene in the world frame (z up, meters).
@@ -109,7 +113,7 @@ def read_stage(
         raise InputError(
             f"{name}: the stage has no visible mesh; a scene needs at least one; check purpose and visibility"
         )
-    materials, ids = _materials(stage, switches, reader, variants)
+    materials, ids = _materials(stage, switches, reader, variants, physics)
     notes = _idle_patterns(reader)
     return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), notes, rate_hz)
 
@@ -169,13 +173,19 @@ def _owner(prim: Usd.Prim, actor_of: Mapping[str, int]) -> int | None:
 
 
 def _materials(
-    stage: Usd.Stage, switches: list[Usd.Prim], reader: PartReader, variants: Mapping[str, Sequence[str]]
+    stage: Usd.Stage,
+    switches: list[Usd.Prim],
+    reader: PartReader,
+    variants: Mapping[str, Sequence[str]],
+    physics: Physics,
 ) -> tuple[dict[str, tuple[Material, ...]], np.ndarray]:
     """Return materials by weather and id, and the id of each use. Uses that agree in every weather share an id."""
     columns, uses = {}, list(reader.uses)
     for weather, names in variants.items():
         _select(stage, switches, names)
-        columns[weather] = read_materials(stage, uses, reader.notes, reader.copies, reader.material_map, weather)
+        columns[weather] = read_materials(
+            stage, uses, reader.notes, reader.copies, reader.material_map, weather, physics
+        )
         for use, material in zip(uses, columns[weather], strict=True):
             if material.appearance.textures and not material.appearance.has_uv:
                 reader.notes[

@@ -263,7 +263,7 @@ class SceneState:
         for name in wanted:
             row = list(tables[name])
             for number in ids:
-                row[number] = replace(row[number], radio=change(row[number].radio))
+                row[number] = replace(row[number], radio=change(row[number].radio), radar_radio=None)
             tables[name] = tuple(row)
         before, self._data = _kinds(self.data), replace(self.data, materials=tables)
         self._arrays, self._is_loaded = None, False
@@ -285,7 +285,7 @@ class SceneState:
 
 def _kinds(data: SceneData) -> list[list[tuple[bool, bool]]]:
     """Return which materials are slabs, and which are rough, in each weather; tables of surfaces depend on it."""
-    return [[(m.radio.thickness > 0, m.radio.scattering > 0) for m in own] for own in data.materials.values()]
+    return [[(m.radio.transmits, m.radio.scatters) for m in own] for own in data.materials.values()]
 
 
 def _with_tracks(data: SceneData, frame: int, tracks: Mapping[int, Track]) -> SceneData:

@@ -168,6 +168,14 @@ MATERIALS = TableSpec(
         column("alpha_r", I16, "-", "exponent of the lobe around the reflection"),
         column("alpha_i", I16, "-", "exponent of the lobe back to the source"),
         column("lobe_share", F64, "-", "share of the lobe around the reflection, 0 to 1"),
+        column("rms_height", F64, "m", "standard deviation of the surface's height, finer than the mesh; 0 = smooth"),
+        column(
+            "layers",
+            list_of(TEXT),
+            "",
+            "layers in front of the substance, outermost first: row and thickness [m]; `constant`, relative "
+            "permittivity, conductivity [S/m] and thickness [m]; or `sheet` and its resistance [ohm/square]",
+        ),
         column("nonvisual_base", NAME, "", "SimReady non-visual base token"),
         column("lidar_reflectance", F64, "-", "diffuse reflectance at 905 nm, 0 to 1"),
         column("color", list_of(F32), "-", "linear diffuse color: red, green, blue, 0 to 1"),

@@ -12,7 +12,9 @@ from mmw.physics.materials.scattering_patterns import scattering_pattern_names
 from mmw.usd.material_library import LIBRARY
 from mmw.usd.semantics import CARLA_TAG
 
-SURFACE_FIELDS = ("thickness", "scattering", "xpd", "scattering_pattern", "alpha_r", "alpha_i", "lobe_share")
+SURFACE_FIELDS = (
+    "thickness", "scattering", "xpd", "scattering_pattern", "alpha_r", "alpha_i", "lobe_share", "rms_height", "layers",
+)  # fmt: skip
 """Fields of a radio material beside its substance, which an entry changes one by one."""
 
 LOOK_FIELDS = ("color", "roughness", "metallic", "opacity")
@@ -87,8 +89,15 @@ def _changed(material: Material, changes: MaterialChanges) -> Material:
         attributes = ("retroreflective",) if material.is_retroreflective else ()
         reflectance = lidar_reflectance(base, material.coating, attributes, color)
     radio = mapped_radio(changes, material.radio) or material.radio
+    seen = material.radar_radio and mapped_radio(changes, material.radar_radio)
     return replace(
-        material, radio=radio, nonvisual_base=base, color=color, lidar_reflectance=reflectance, appearance=appearance
+        material,
+        radio=radio,
+        radar_radio=None if seen == radio else seen,
+        nonvisual_base=base,
+        color=color,
+        lidar_reflectance=reflectance,
+        appearance=appearance,
     )
 
 

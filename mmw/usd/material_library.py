@@ -8,6 +8,9 @@ from mmw.physics.materials.material import RadioMaterial
 ROOT = "/Materials"
 """Prim that holds the library's Material prims."""
 
+LIBRARY_FILE = "materials.usda"
+"""Name of the library's layer, which datasets copy beside their stages."""
+
 NONVISUAL = "omni:simready:nonvisual:"
 """Prefix of the SimReady attributes that LiDAR and radar simulators read from a Material prim."""
 

@@ -3,10 +3,12 @@
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 
 from pxr import Usd, UsdShade
 
 from mmw.config.material_map import MaterialEntry
+from mmw.config.physics_presets import Physics
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
 from mmw.physics.materials.appearance import Appearance
@@ -20,10 +22,11 @@ from mmw.physics.materials.material import (
     wrong_radio_value,
 )
 from mmw.usd.material_entries import MaterialMap, entry_of, mapped_radio, named_row, overridden
-from mmw.usd.material_library import LIBRARY, NONVISUAL, ROOT
+from mmw.usd.material_library import LIBRARY, LIBRARY_FILE, NONVISUAL, ROOT
 from mmw.usd.preview_surface import Notes, read_appearance
 from mmw.usd.prim_values import attribute_value, decimal, decimals
 from mmw.usd.schema import RADIO_ATTRIBUTES
+from mmw.usd.standard_materials import standard_radio
 
 NO_COLOR = (0.5, 0.5, 0.5)
 """Diffuse color of a material that gives none as a number [-]."""
@@ -126,17 +129,35 @@ def _infer_radio(material: Usd.Prim, label: str) -> RadioMaterial | None:
     return RADIO_OF_BASE.get(attribute_value(material, NONVISUAL + "base", "none")) or RADIO_OF_LABEL.get(label)
 
 
-def read_material(stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None) -> Material:
+def read_material(
+    stage: Usd.Stage, use: MaterialUse, notes: Notes | None = None, physics: Physics = "paper"
+) -> Material:
     """Return a material as the stage describes it now, that is in the weather that is selected now.
 
     Args:
         stage: The stage.
         use: The material as a mesh uses it.
         notes: Receives notes for users of the RGB camera.
+        physics: Preset of the channel; beyond `paper`, materials of the shipped library are those of
+            `mmw.usd.standard_materials`.
 
     Raises:
         InputError: If its `mmw:radio:*` attributes contradict themselves or are out of range.
     """
+    material = _as_authored(stage, use, notes)
+    name = use.library or (material.name if use.fallback is None and _is_of_library(stage, use) else "")
+    radio = standard_radio(name, material.radio) if physics != "paper" else material.radio
+    return material if radio == material.radio else replace(material, radio=radio, radar_radio=material.radio)
+
+
+def _is_of_library(stage: Usd.Stage, use: MaterialUse) -> bool:
+    """Return whether a material prim is composed from the shipped library, or from the copy of it beside a dataset."""
+    specs = stage.GetPrimAtPath(use.prim_path).GetPrimStack()
+    return any(spec.path == f"{ROOT}/{use.name}" and Path(spec.layer.realPath).name == LIBRARY_FILE for spec in specs)
+
+
+def _as_authored(stage: Usd.Stage, use: MaterialUse, notes: Notes | None) -> Material:
+    """Return a material as the stage or the material map describes it."""
     if use.library:
         spec = LIBRARY[use.library]
         reflectance = lidar_reflectance(spec.base, spec.coating, spec.attributes, spec.color)
@@ -169,6 +190,7 @@ def read_materials(
     copies: "Copies",
     material_map: MaterialMap | None = None,
     weather: str = "",
+    physics: Physics = "paper",
 ) -> list[Material]:
     """Return the material of each use in a weather, which is selected; copies are read once, unless they have notes.
 
@@ -182,7 +204,7 @@ def read_materials(
         key, own = (replace(use, prim_path=""), specs), {}
         known = copies.materials.get(key) if specs else None
         if known is None:
-            known = read_material(stage, use, own)
+            known = read_material(stage, use, own, physics)
         else:
             known = replace(known, appearance=replace(known.appearance, prim_path=use.prim_path))
         entry = entry_of(material_map or {}, use.pattern)
@@ -215,7 +237,7 @@ class Copies:
 @cache
 def library_appearance(name: str) -> Appearance:
     """Return the appearance of a material of the shipped library."""
-    stage = Usd.Stage.Open(str(assets_dir() / "materials" / "materials.usda"))
+    stage = Usd.Stage.Open(str(assets_dir() / "materials" / LIBRARY_FILE))
     return read_appearance(stage.GetPrimAtPath(f"{ROOT}/{name}"), {})
 
 

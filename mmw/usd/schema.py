@@ -24,16 +24,24 @@ class RadioAttribute:
     """Full attribute name, such as `mmw:radio:thickness`."""
     type_name: Sdf.ValueTypeName
     variability: Sdf.Variability
+    is_optional: bool = False
+    """True if a material that does not need it leaves it out."""
 
 
 _TYPES = {
     str: (Sdf.ValueTypeNames.Token, Sdf.VariabilityUniform),
     float: (Sdf.ValueTypeNames.Float, Sdf.VariabilityVarying),
     int: (Sdf.ValueTypeNames.Int, Sdf.VariabilityVarying),
+    list: (Sdf.ValueTypeNames.StringArray, Sdf.VariabilityUniform),
 }
 
+_OPTIONAL = ("rms_height", "layers")
+"""Fields that few materials have."""
+
 RADIO_ATTRIBUTES = {
-    name: RadioAttribute("mmw:radio:" + re.sub("_(.)", lambda match: match[1].upper(), name), *_TYPES[type(value)])
+    name: RadioAttribute(
+        "mmw:radio:" + re.sub("_(.)", lambda match: match[1].upper(), name), *_TYPES[type(value)], name in _OPTIONAL
+    )
     for name, value in file_values(RadioMaterial("constant")).items()
 }
 """Field of `mmw.physics.materials.material.RadioMaterial` -> attribute of the Material prim."""

@@ -1,5 +1,7 @@
 """Entries of a material map override what a stage says, mesh by mesh and weather by weather."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import mmw
 from mmw.config import ConfigError, MaterialEntry, load_config
 from mmw.config.material_map import merged_maps
 from mmw.generation.estimate import check_inputs
+from mmw.physics.materials.layers import Layer
 from mmw.physics.materials.material import LIDAR_REFLECTANCE_905NM, Material, RadioMaterial
 from mmw.scene.reader import read_stage
 from mmw.scene.scene_data import SceneData
@@ -119,6 +122,28 @@ def test_a_weather_has_changes_of_its_own(stage: Usd.Stage) -> None:
     assert rainy.lidar_reflectance == 0.1 != by_name(arrays, "sunny", "house").lidar_reflectance
 
 
+def test_layers_and_roughness_come_from_text_and_stay_in_a_weather(stage: Usd.Stage) -> None:
+    town(stage)
+    config = load_config(
+        "quickstart",
+        [
+            "materials={'label:building': {radio: itu_glass, thickness: 0.004, rms_height: 0.001, layers: [itu_glass "
+            "0.004, sheet 5, itu_vacuum 0.016], weathers: {rainy: {radio: itu_brick}}}, ground: {layers: [sheet 9]}}"
+        ],
+    )
+    arrays = read(stage, "sunny", "rainy", material_map=config.materials)
+    wanted = RadioMaterial(
+        "itu", "itu_glass", thickness=0.004, rms_height=0.001,
+        layers=(Layer("itu_glass", thickness=0.004), Layer.sheet(5.0), Layer("itu_vacuum", thickness=0.016)),
+    )  # fmt: skip
+    assert by_name(arrays, "sunny", "house").radio == wanted
+    assert by_name(arrays, "rainy", "house").radio == replace(wanted, itu="itu_brick")
+    ground = by_name(arrays, "rainy", "ground").radio
+    assert ground == RadioMaterial("itu", "itu_wet_ground", thickness=0.1, layers=(Layer.sheet(9.0),))
+    again = json.dumps(config.model_dump(mode="json")["materials"])
+    assert load_config("quickstart", [f"materials={again}"]) == config
+
+
 def test_a_class_of_the_map_takes_the_place_of_the_stage_s(stage: Usd.Stage) -> None:
     town(stage)
     arrays = read(stage, "sunny", "rainy", material_map={"/World/kiosk": MaterialEntry(label="pole")})
@@ -151,6 +176,11 @@ def test_maps_of_a_scenario_come_before_those_of_the_configuration() -> None:
         ("{scattering: 1.5}", r"materials\.\S+scattering = 1\.5"),
         ("{relative_permittivity: -3}", r"relative_permittivity = -3"),
         ("{thickness: -0.1}", r"thickness = -0\.1"),
+        ("{rms_height: -0.001}", r"rms_height = -0\.001"),
+        ("{layers: [itu_glass 4 mm]}", r"layers.*layer 'itu_glass 4 mm': `itu_glass 0\.004` \(row, m\)"),
+        ("{layers: [itu_cheese 0.1]}", r"layers.*itu = 'itu_cheese'; a row, one of itu_vacuum"),
+        ("{layers: [sheet -5]}", r"layers.*layer 'sheet -5': a sheet resistance above 0"),
+        ("{weathers: {rainy: {layers: [sheet 0]}}}", "layers.*a sheet resistance above 0"),
         ("{scatering: 0.1}", "did you mean `scattering`"),
         ("{radio: itu_brick, relative_permittivity: 3}", "keep one"),
         ("{conductivity: 3}", "needs `relative_permittivity`"),

@@ -13,6 +13,7 @@ from pxr import Sdf, Usd, UsdShade
 import mmw
 from mmw.core.resources import assets_dir
 from mmw.physics.em.scattering import lobe_integral
+from mmw.physics.materials.layers import Layer
 from mmw.physics.materials.material import (
     LIDAR_REFLECTANCE_905NM,
     MAX_LOBE_EXPONENT,
@@ -23,6 +24,7 @@ from mmw.physics.materials.material import (
 from mmw.usd import schema
 from mmw.usd.material_library import LIBRARY, NONVISUAL, PAINTS, MaterialSpec
 from mmw.usd.materials import read_material, resolve_material
+from mmw.usd.prim_values import decimal
 from mmw.usd.validate import validate_stage
 from mmw.worlds.materials.library import build_materials, write_material
 from tests.fixtures.radio_materials import WRONG_RADIO
@@ -77,7 +79,7 @@ def test_rebuild_equals_the_committed_library(tmp_path):
 def test_every_value_is_authored(shipped, name):
     prim = shipped.GetPrimAtPath(f"/Materials/{name}")
     assert prim.GetPrimTypeInfo().GetAppliedAPISchemas() == [schema.RADIO_API]
-    for attribute in schema.RADIO_ATTRIBUTES.values():
+    for attribute in (a for a in schema.RADIO_ATTRIBUTES.values() if not a.is_optional):
         assert prim.GetAttribute(attribute.name).HasAuthoredValue(), attribute.name
         assert prim.GetAttribute(attribute.name).GetTypeName() == attribute.type_name
     model, row = prim.GetAttribute("mmw:radio:model").Get(), prim.GetAttribute("mmw:radio:itu").Get()
@@ -98,11 +100,12 @@ def test_authored_numbers_read_back(tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "one.usda"))
     radio = RadioMaterial(
         "constant", relative_permittivity=4.5, conductivity=0.25, thickness=0.125, scattering=0.5, xpd=0.75,
-        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75,
+        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75, rms_height=0.0005,
+        layers=("itu_glass 0.004", Layer.sheet(5.0), Layer(relative_permittivity=1.5, thickness=0.016)),
     )  # fmt: skip
     material = write_material(stage, "/Slab", MaterialSpec(radio, "plastic", (0.5, 0.25, 0.125), 0.5))
     read = {name: material.GetPrim().GetAttribute(a.name).Get() for name, a in schema.RADIO_ATTRIBUTES.items()}
-    assert RadioMaterial(**read) == radio
+    assert RadioMaterial(**read | {"rms_height": decimal(read["rms_height"])}) == radio
     assert material.GetPrim().GetAttribute("mmw:radio:model").GetVariability() == Sdf.VariabilityUniform
     assert read_material(stage, resolve_material("", material.GetPrim())).radio == radio
 

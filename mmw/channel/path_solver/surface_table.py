@@ -129,8 +129,8 @@ def make_surface_table(
         "triangle_count": triangle_count.astype(np.int32),
         "triangle": triangle,
     }
-    table["is_slab"] = _in_any_weather(scene, "thickness")[table["material_id"]]
-    table["is_rough"] = _in_any_weather(scene, "scattering")[table["material_id"]]
+    table["is_slab"] = _in_any_weather(scene, "transmits")[table["material_id"]]
+    table["is_rough"] = _in_any_weather(scene, "scatters")[table["material_id"]]
     part = np.repeat(np.arange(len(counts)), counts)
     of_row = group_coplanar(normal, offset, lower, upper, area, part)
     table["plane"] = _planes(of_row[row_all], table["owner"])
@@ -166,8 +166,8 @@ def _planes(group: np.ndarray, owner: np.ndarray) -> np.ndarray:
 
 
 def _in_any_weather(scene: DeviceScene, name: str) -> np.ndarray:
-    """Return which materials have a radio property above 0 in some weather, by material id."""
-    by_weather = [[getattr(m.radio, name) > 0.0 for m in some] for some in scene.arrays.materials.values()]
+    """Return which materials have a property of `RadioMaterial` in some weather, by material id."""
+    by_weather = [[getattr(m.radio, name) for m in some] for some in scene.arrays.materials.values()]
     return np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
 
 

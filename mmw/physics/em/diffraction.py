@@ -12,7 +12,7 @@ import numpy as np
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.field import PathGeometry, perpendicular
 from mmw.physics.em.finite_surfaces import edge_share
-from mmw.physics.em.fresnel import reflection
+from mmw.physics.em.surface_response import SurfaceResponse
 from mmw.physics.em.vectors import dot
 
 DiffractionModel = Literal["utd", "sionna"]
@@ -86,9 +86,8 @@ def is_lit(geometry: PathGeometry, hits: WedgeHits) -> np.ndarray:
 def wedge_matrices(
     geometry: PathGeometry,
     hits: WedgeHits,
-    permittivity: np.ndarray,
-    thickness: np.ndarray,
-    scattering: np.ndarray,
+    material_id: np.ndarray,
+    response: SurfaceResponse,
     carrier_hz: float,
     model: DiffractionModel,
     width: np.ndarray | None = None,
@@ -106,9 +105,8 @@ def wedge_matrices(
     Args:
         geometry: The paths.
         hits: Their diffractions.
-        permittivity: Complex relative permittivity of both faces, shape [Q, 2].
-        thickness: Slab thickness of both faces, 0 for a half-space [m], shape [Q, 2].
-        scattering: Scattering coefficient S of both faces, shape [Q, 2].
+        material_id: Material of both faces, shape [Q, 2].
+        response: The materials at the carrier.
         carrier_hz: Carrier frequency [Hz].
         model: Which of the two.
         width: Smaller extents of both faces [m], shape [Q, 2]; None if they reflect as if they were infinite.
@@ -123,8 +121,8 @@ def wedge_matrices(
     minus, plus = phi_out - phi_in, phi_out + phi_in
     d1, d2 = (scale * _term(minus, sign, n, reach) for sign in (1.0, -1.0))
     d3, d4 = (scale * _term(plus, sign, n, reach) for sign in (1.0, -1.0))
-    described = zip((hits.normal_0, hits.normal_n), permittivity.T, thickness.T, scattering.T, strict=True)
-    faces = [_face(k_in, hits.edge, *face, carrier_hz) for face in described]
+    described = zip((hits.normal_0, hits.normal_n), material_id.T, strict=True)
+    faces = [_face(k_in, hits.edge, *face, response) for face in described]
     swapped = swap[:, None, None]
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
     d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
@@ -200,20 +198,14 @@ def _pole(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray, width
 
 
 def _face(
-    k_in: np.ndarray,
-    edge: np.ndarray,
-    normal: np.ndarray,
-    permittivity: np.ndarray,
-    thickness: np.ndarray,
-    scattering: np.ndarray,
-    carrier_hz: float,
+    k_in: np.ndarray, edge: np.ndarray, normal: np.ndarray, material_id: np.ndarray, response: SurfaceResponse
 ) -> np.ndarray:
     """Return the reflection at a face from the wedge's incoming basis to its outgoing one of the mirrored direction."""
     k_out = k_in - 2.0 * dot(k_in, normal)[:, None] * normal
     axis = perpendicular(k_in, normal)
     cosine = np.minimum(np.abs(dot(k_in, normal)), 1.0)
-    te, tm = reflection(permittivity, cosine, thickness, carrier_hz)
-    specular_share = np.sqrt(1.0 - scattering**2)
+    te, tm = response.reflection(material_id, cosine)
+    specular_share = response.specular_share(material_id, cosine)
     into, out = perpendicular(k_in, edge), -perpendicular(k_out, edge)
     basis_in, basis_out = (into, np.cross(k_in, into)), (out, np.cross(k_out, out))
     tm_in, tm_out = np.cross(k_in, axis), np.cross(k_out, axis)

@@ -15,8 +15,8 @@ import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import cross
-from mmw.physics.em.fresnel import reflection, transmission
 from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
+from mmw.physics.em.surface_response import SurfaceResponse
 from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
 
 
@@ -158,17 +158,13 @@ def perpendicular(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return axis / norm(axis)[:, None]
 
 
-def plane_matrices(
-    geometry: PathGeometry, permittivity: np.ndarray, thickness: np.ndarray, scattering: np.ndarray, carrier_hz: float
-) -> np.ndarray:
+def plane_matrices(geometry: PathGeometry, material_id: np.ndarray, response: SurfaceResponse) -> np.ndarray:
     """Return the matrices of all reflections and transmissions; 1 behind the last interaction, 0 for the other kinds.
 
     Args:
         geometry: The paths.
-        permittivity: Complex relative permittivity at each interaction, shape [P, D]; ignored where there is none.
-        thickness: Slab thickness, 0 for a half-space [m], shape [P, D].
-        scattering: Scattering coefficient S, which leaves sqrt(1 - S^2) for the specular field, shape [P, D].
-        carrier_hz: Carrier frequency [Hz].
+        material_id: Material at each interaction, shape [P, D]; ignored where there is none.
+        response: The materials at the carrier. Scattering leaves a share for the reflected field.
 
     Returns:
         Shape [P, D, 2, 2], complex128, in the bases of `geometry`.
@@ -178,12 +174,12 @@ def plane_matrices(
     kind = geometry.interaction
     matrices = np.zeros((*kind.shape, 2, 2), dtype=np.complex128)
     matrices[kind == 0] = np.eye(2)
-    for code, coefficients in ((SPECULAR, reflection), (TRANSMISSION, transmission)):
+    for code, coefficients in ((SPECULAR, response.reflection), (TRANSMISSION, response.transmission)):
         at = np.nonzero(kind == code)
         if not len(at[0]):
             continue
-        te, tm = coefficients(permittivity[at], geometry.cosine[at], thickness[at], carrier_hz)
-        specular_share = np.sqrt(1.0 - scattering[at] ** 2) if code == SPECULAR else 1.0
+        te, tm = coefficients(material_id[at], geometry.cosine[at])
+        specular_share = response.specular_share(material_id[at], geometry.cosine[at]) if code == SPECULAR else 1.0
         matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * specular_share, tm * specular_share
     return matrices
 

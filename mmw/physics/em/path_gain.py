@@ -6,7 +6,14 @@ import numpy as np
 
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, wedge_matrices, wedge_spreading
 from mmw.physics.em.field import PathGeometry, plane_matrices, polarimetric_transfer
-from mmw.physics.em.scattering import ScatteringPoints, rough_columns, rough_matrices, rough_spreading
+from mmw.physics.em.scattering import (
+    ScatteringPoints,
+    rough_amplitude,
+    rough_columns,
+    rough_matrices,
+    rough_spreading,
+)
+from mmw.physics.em.surface_response import SurfaceResponse
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 
@@ -53,39 +60,38 @@ def path_transfer(
         np.concatenate([interactions.material_id[interactions.material_id >= 0], interactions.wedge_material.ravel()])
     )
     permittivity = permittivity_table(materials, carriers_hz, used)
-    thickness, scattering = (
-        np.array([getattr(material.radio, name) for material in materials] or [0.0])
-        for name in ("thickness", "scattering")
-    )
+    radios = [material.radio for material in materials]
     row = np.where(interactions.material_id >= 0, interactions.material_id, 0)
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
-    pattern = None
+    amplitude = own = cosine = np.zeros(0)
     if has_wedges:
         spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
     if has_rough:
         spreading[interactions.rough.path] = rough_spreading(geometry, interactions.rough)
-        pattern = rough_matrices(geometry, interactions.rough, materials, interactions.material_id)
+        at = interactions.rough.path, interactions.rough.step
+        own, cosine = interactions.material_id[at], geometry.cosine[at]
+        amplitude = rough_amplitude(geometry, interactions.rough, materials, own)
     out = np.zeros((len(spreading), len(carriers_hz), 2, 2), dtype=np.complex128)
     for column, carrier in enumerate(carriers_hz):
-        eta = permittivity[:, column] if len(materials) else np.ones(1, dtype=np.complex128)
-        matrices = plane_matrices(geometry, eta[row], thickness[row], scattering[row], carrier)
+        response = SurfaceResponse(radios, permittivity[:, column], carrier)
+        matrices = plane_matrices(geometry, row, response)
         if has_wedges:
-            faces = interactions.wedge_material
             matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
                 geometry,
                 interactions.wedges,
-                eta[faces],
-                thickness[faces],
-                scattering[faces],
+                interactions.wedge_material,
+                response,
                 carrier,
                 model,
                 interactions.wedge_width,
             )
         scale = None
         if has_rough:
-            matrices[interactions.rough.path, interactions.rough.step] = pattern
-            own = interactions.material_id[interactions.rough.path, interactions.rough.step]
-            scale = rough_columns(geometry, interactions.rough, eta[own], thickness[own], carrier)
+            share = response.diffuse_share(own, cosine)
+            matrices[interactions.rough.path, interactions.rough.step] = rough_matrices(
+                amplitude, share, materials, own
+            )
+            scale = rough_columns(geometry, interactions.rough, own, response)
         out[:, column] = polarimetric_transfer(geometry, matrices, spreading, carrier, scale)
     return out

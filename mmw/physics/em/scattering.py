@@ -11,7 +11,7 @@ from math import comb
 import numpy as np
 
 from mmw.physics.em.field import PathGeometry, perpendicular
-from mmw.physics.em.fresnel import reflection
+from mmw.physics.em.surface_response import SurfaceResponse
 from mmw.physics.em.vectors import dot
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.scattering_patterns import LOBES, scattered_density
@@ -97,26 +97,46 @@ def rough_spreading(geometry: PathGeometry, hits: ScatteringPoints) -> np.ndarra
     return np.sqrt(hits.solid_angle) * np.where(hits.is_backward, turned, 1.0 / behind)
 
 
-def rough_matrices(
+def rough_amplitude(
     geometry: PathGeometry, hits: ScatteringPoints, materials: tuple[Material, ...], material_id: np.ndarray
+) -> np.ndarray:
+    """Return sqrt(f_s) of each diffuse reflection, shape [B].
+
+    Source: Degli-Esposti et al. 2007, equation 4.
+    """
+    k_in, k_out = geometry.direction[hits.path, hits.step], geometry.direction[hits.path, hits.step + 1]
+    out = np.zeros(len(hits.path))
+    for index in np.unique(material_id):
+        rows = np.nonzero(material_id == index)[0]
+        density = scattering_pattern(materials[index].radio, k_in[rows], k_out[rows], hits.normal[rows])
+        out[rows] = np.sqrt(density)
+    return out
+
+
+def rough_matrices(
+    amplitude: np.ndarray, share: np.ndarray, materials: tuple[Material, ...], material_id: np.ndarray
 ) -> np.ndarray:
     """Return S sqrt(f_s) times the cross-polarisation matrix of each diffuse reflection, shape [B, 2, 2].
 
-    Source: Degli-Esposti et al. 2007, equation 4, and Sionna RT 2.2's matrix for the cross-polarised share.
+    Args:
+        amplitude: sqrt(f_s), shape [B].
+        share: S, shape [B].
+        materials: Materials by id.
+        material_id: Their materials, shape [B].
+
+    Source: Sionna RT 2.2's matrix for the cross-polarised share.
     """
-    own = material_id[hits.path, hits.step]
-    k_in, k_out = geometry.direction[hits.path, hits.step], geometry.direction[hits.path, hits.step + 1]
-    out = np.zeros((len(own), 2, 2))
-    for index in np.unique(own):
-        rows, radio = np.nonzero(own == index)[0], materials[index].radio
-        amplitude = np.sqrt(scattering_pattern(radio, k_in[rows], k_out[rows], hits.normal[rows]))
-        straight, across = np.sqrt(1.0 - radio.xpd), np.sqrt(radio.xpd)
-        out[rows] = radio.scattering * amplitude[:, None, None] * np.array([[straight, -across], [across, straight]])
+    xpd = np.array([material.radio.xpd for material in materials])[material_id]
+    straight, across = np.sqrt(1.0 - xpd), np.sqrt(xpd)
+    out = np.empty((len(amplitude), 2, 2))
+    scale = share * amplitude
+    out[:, 0, 0], out[:, 0, 1] = scale * straight, scale * -across
+    out[:, 1, 0], out[:, 1, 1] = scale * across, scale * straight
     return out
 
 
 def rough_columns(
-    geometry: PathGeometry, hits: ScatteringPoints, permittivity: np.ndarray, thickness: np.ndarray, carrier_hz: float
+    geometry: PathGeometry, hits: ScatteringPoints, material_id: np.ndarray, response: SurfaceResponse
 ) -> Callable[[int, np.ndarray], np.ndarray]:
     """Return the function that weakens a field as much as a mirror of the same material would.
 
@@ -126,9 +146,8 @@ def rough_columns(
     Args:
         geometry: The paths.
         hits: Their diffuse reflections.
-        permittivity: Complex relative permittivity, shape [B].
-        thickness: Slab thickness, 0 for a half-space [m], shape [B].
-        carrier_hz: Carrier frequency [Hz].
+        material_id: Their materials, shape [B].
+        response: The materials at the carrier.
 
     Returns:
         A function of the number of an interaction and the field that comes to it, shape [P, 2, 2] (component, column),
@@ -139,7 +158,7 @@ def rough_columns(
     k_in = geometry.direction[hits.path, hits.step]
     te_axis = perpendicular(k_in, hits.normal)
     tm_axis = np.cross(k_in, te_axis)
-    te, tm = reflection(permittivity, geometry.cosine[hits.path, hits.step], thickness, carrier_hz)
+    te, tm = response.reflection(material_id, geometry.cosine[hits.path, hits.step])
     basis = geometry.incoming[hits.path, hits.step]
 
     def factor(step: int, field: np.ndarray) -> np.ndarray:

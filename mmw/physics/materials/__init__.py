@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mmw.physics.materials.itu_rows import RADIO_ROWS
+    from mmw.physics.materials.layers import Layer
     from mmw.physics.materials.material import Material, RadioMaterial
     from mmw.physics.materials.permittivity import relative_permittivity
     from mmw.physics.materials.scattering_patterns import register_scattering_pattern
 
-__all__ = ["RADIO_ROWS", "Material", "RadioMaterial", "register_scattering_pattern", "relative_permittivity"]
+__all__ = ["RADIO_ROWS", "Layer", "Material", "RadioMaterial", "register_scattering_pattern", "relative_permittivity"]
 
 _HOME = {
     "RADIO_ROWS": "itu_rows",
+    "Layer": "layers",
     **dict.fromkeys(("Material", "RadioMaterial"), "material"),
     "relative_permittivity": "permittivity",
     "register_scattering_pattern": "scattering_patterns",

@@ -70,7 +70,7 @@ def _paper_ground(eps_r: float, sigma: float) -> PermittivityRow:
 
 
 def _soils() -> dict[str, tuple[PermittivityRow, ...]]:
-    """Return the four example soils of P.527 at 23 C, dry (0.07 of the volume is water) and wet (0.5)."""
+    """Return the four example soils of P.527 at 23 C, dry (0.07 of the volume is water), moist (0.25) and wet (0.5)."""
     textures = {
         # name: sand [%], clay [%], specific gravity, bulk density [g/cm3], where the model of the dry soil starts [GHz]
         "sandy_loam": (51.52, 13.42, 2.66, 1.6006, MIN_GHZ),
@@ -79,7 +79,7 @@ def _soils() -> dict[str, tuple[PermittivityRow, ...]]:
         "silty_clay": (5.02, 47.38, 2.56, 1.4758, 1.3),
     }
     rows = {}
-    for state, moisture in (("dry", 0.07), ("wet", 0.5)):
+    for state, moisture in (("dry", 0.07), ("moist", 0.25), ("wet", 0.5)):
         for name, (sand, clay, gravity, density, dry_from) in textures.items():
             model = partial(soil_permittivity, soil=Soil(sand, clay, moisture, 23.0, gravity, density))
             rows[f"{state}_{name}"] = (

@@ -9,6 +9,7 @@ from typing import Any, Literal
 from mmw.core.errors import InputError
 from mmw.physics.materials.appearance import GREY, Appearance
 from mmw.physics.materials.itu_rows import PERMITTIVITY, PREFIX, RADIO_ROWS
+from mmw.physics.materials.layers import Layer, as_layers, wrong_layers
 from mmw.physics.materials.scattering_patterns import (
     LOBES,
     PATTERNS,
@@ -74,6 +75,12 @@ class RadioMaterial:
     """Share Lambda of the lobe around the reflection in `backscattering`, 0 to 1 [-].
 
     Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
+    rms_height: float = 0.0
+    """Standard deviation of the surface's height, finer than the mesh [m]; 0 for a smooth surface. It weakens the
+    mirror reflection and scatters what it takes, see `mmw.physics.em.surface_response`."""
+    layers: tuple[Layer, ...] = ()
+    """Layers in front of the substance, outermost first, each a `Layer` or its text form. The substance itself, of
+    `thickness`, is the last one: behind it is air, or with thickness 0 it goes on forever."""
     permittivity: PermittivityFunction | None = None
     """Complex relative permittivity as a function of the frequency, for `function`. It is called with one carrier at a
     time. No file holds a function: tables name the model alone."""
@@ -84,6 +91,8 @@ class RadioMaterial:
     def __post_init__(self) -> None:
         if isinstance(self.frequency_range_hz, list):
             object.__setattr__(self, "frequency_range_hz", tuple(self.frequency_range_hz))
+        if not wrong_layers(self.layers):
+            object.__setattr__(self, "layers", as_layers(self.layers))
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         wrong = wrong_radio_value(values)
         if wrong is not None:
@@ -102,6 +111,16 @@ class RadioMaterial:
         return cls("constant")
 
     @property
+    def transmits(self) -> bool:
+        """True if a wave may go through: behind the substance, after its thickness, is air again."""
+        return self.thickness > 0.0
+
+    @property
+    def scatters(self) -> bool:
+        """True if a part of the reflected power is scattered."""
+        return self.scattering > 0.0 or self.rms_height > 0.0
+
+    @property
     def holds_function(self) -> bool:
         """True if the permittivity or the scattering pattern is a function, which no file can hold."""
         return self.permittivity is not None or not isinstance(self.scattering_pattern, str)
@@ -114,8 +133,12 @@ FILE_FIELDS = tuple(
 
 
 def file_values(radio: RadioMaterial) -> dict[str, Any]:
-    """Return the values that files hold of a material, by `FILE_FIELDS`; a scattering function is `function`."""
+    """Return the values that files hold of a material, by `FILE_FIELDS`.
+
+    A scattering function is `function`, and layers are their text forms.
+    """
     values = {name: getattr(radio, name) for name in FILE_FIELDS}
+    values["layers"] = [layer.text for layer in radio.layers]
     if not isinstance(radio.scattering_pattern, str):
         values["scattering_pattern"] = "function"
     return values
@@ -146,6 +169,7 @@ def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
     }
     is_pattern = callable(pattern) or (isinstance(pattern, str) and (pattern in LOBES or pattern in PATTERNS))
     patterns = "" if is_pattern else ", ".join(scattering_pattern_names())
+    layers_needed = wrong_layers(values["layers"])
     rules = (
         ("model", model in models, f"{', '.join(models[:-1])} or {models[-1]}"),
         ("itu", model != "itu" or is_row, row_needed),
@@ -157,6 +181,8 @@ def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
         ("scattering_pattern", is_pattern, f"one of {patterns}"),
         *((name, is_good, f"a whole number from 1 to {MAX_LOBE_EXPONENT}") for name, is_good in is_exponent.items()),
         ("lobe_share", within("lobe_share", 0.0, 1.0), "0 to 1"),
+        ("rms_height", within("rms_height", 0.0, math.inf), "at least 0 m"),
+        ("layers", not layers_needed, layers_needed),
         (
             "permittivity",
             callable(function) if is_function else function is None,
@@ -203,6 +229,8 @@ class Material:
     """True if the surface is retroreflective."""
     appearance: Appearance = GREY
     """Appearance to the RGB camera."""
+    radar_radio: RadioMaterial | None = None
+    """Radio description that radars see, where the preset of the channel has another one; None for `radio`."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.lidar_reflectance < math.inf:  # that of a retroreflector may be above 1
@@ -210,6 +238,11 @@ class Material:
                 f"material {self.name!r}: lidar_reflectance = {self.lidar_reflectance:g}; a finite number from 0 on is "
                 "needed; correct it"
             )
+
+    @property
+    def seen_by_radar(self) -> RadioMaterial:
+        """Radio description that radars see."""
+        return self.radio if self.radar_radio is None else self.radar_radio
 
 
 LIDAR_REFLECTANCE_905NM = {

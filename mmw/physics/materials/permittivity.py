@@ -44,6 +44,25 @@ def relative_permittivity(radio: RadioMaterial, carrier_hz: float, used_by: str 
     return permittivity_row(radio.itu, carrier_hz, used_by).row.at(carrier_hz)
 
 
+def layer_permittivities(radio: RadioMaterial, carrier_hz: float, used_by: str = "") -> list[complex]:
+    """Return the complex relative permittivity of the layers in front of a material; 1 for conducting sheets.
+
+    Args:
+        radio: The material.
+        carrier_hz: Carrier frequency [Hz].
+        used_by: Name of the material, for error messages.
+
+    Raises:
+        InputError: If a row has no permittivity at the carrier, see `relative_permittivity`.
+    """
+    return [
+        permittivity_row(layer.itu, carrier_hz, used_by).row.at(carrier_hz)
+        if layer.itu
+        else complex_permittivity(layer.relative_permittivity, layer.conductivity, carrier_hz)
+        for layer in radio.layers
+    ]
+
+
 def _of_function(
     function: PermittivityFunction, range_hz: tuple[float, float] | None, carrier_hz: float, used_by: str
 ) -> complex:
@@ -99,9 +118,10 @@ def extrapolation_notes(
     ids = range(len(by_id)) if used is None else sorted({int(i) for i in used})
     names: dict[tuple[str, float, str], dict[str, None]] = {}
     for radio, name in ((by_id[k].radio, by_id[k].name) for k in ids):
-        for carrier in carriers if radio.model == "itu" else ():
-            if note := permittivity_row(radio.itu, carrier, name).note:
-                names.setdefault((radio.itu, carrier, note), {})[name] = None
+        for row in dict.fromkeys([radio.itu, *(layer.itu for layer in radio.layers)]):
+            for carrier in carriers if row else ():
+                if note := permittivity_row(row, carrier, name).note:
+                    names.setdefault((row, carrier, note), {})[name] = None
     lines = [f"{_few(found)} ({row}) at {carrier / 1e9:g} GHz: {note}" for (row, carrier, note), found in names.items()]
     return lines + [
         f"air at {carrier / 1e9:g} GHz: losses of 1 GHz, where P.838, P.840 and P.676 begin"

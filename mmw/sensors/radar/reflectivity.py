@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.physics.em.fresnel import reflection
+from mmw.physics.em.surface_response import material_response
 from mmw.physics.materials.material import POROUS_BASES, Material
-from mmw.physics.materials.permittivity import has_permittivity, relative_permittivity
+from mmw.physics.materials.permittivity import has_permittivity
 from mmw.physics.materials.soil import WATER_TEMPERATURE_C, water_permittivity
 from mmw.physics.weather.weather import Weather
 
@@ -107,17 +107,17 @@ def normal_reflection(material: Material, carrier_hz: float) -> complex:
 
     Panes let a part of the wave through and reflect at both faces, as in the radio channel.
     """
-    roughness, radio = roughness_of(material), material.radio
+    roughness, radio = roughness_of(material), material.seen_by_radar
     if roughness.is_volume or not has_permittivity(radio, carrier_hz):
         return complex(roughness.gamma0)
-    permittivity = np.array([relative_permittivity(radio, carrier_hz, material.name)])
-    _, tm = reflection(permittivity, np.ones(1), np.array([radio.thickness]), carrier_hz)
+    response = material_response(radio, carrier_hz, material.name)
+    _, tm = response.reflection(np.zeros(1, dtype=np.int64), np.ones(1))
     return complex(tm[0])
 
 
 def takes_water(material: Material, carrier_hz: float) -> bool:
     """Return whether rain changes a material: it has pores, no paint on them, and no wet permittivity already."""
-    radio = material.radio
+    radio = material.seen_by_radar
     is_wet = radio.model == "itu" and radio.itu.startswith(WET_ROWS) and has_permittivity(radio, carrier_hz)
     return material.nonvisual_base in POROUS_BASES and material.coating == "none" and not is_wet
 

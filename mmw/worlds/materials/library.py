@@ -6,6 +6,7 @@ from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade
 
 from mmw.core.errors import InputError
 from mmw.core.resources import assets_dir
+from mmw.physics.materials.material import file_values
 from mmw.usd import schema
 from mmw.usd.material_library import LAMP, LIBRARY, NONVISUAL, ROOT, MaterialSpec
 from mmw.worlds.materials.shading_networks import TEXTURES, write_picture_nodes, write_tile_nodes
@@ -19,7 +20,8 @@ def write_material(
 ) -> UsdShade.Material:
     """Write one Material prim: UsdPreviewSurface, SimReady non-visual attributes and `MmwRadioMaterialAPI`.
 
-    Every attribute is authored, so a reader without the schema's plugin sees the same values.
+    Every attribute is authored, so a reader without the schema's plugin sees the same values; roughness and layers are
+    where the material has them.
 
     Args:
         stage: Stage to write to, at its edit target.
@@ -68,9 +70,11 @@ def write_material(
     prim.CreateAttribute(LAMP, Sdf.ValueTypeNames.Token, custom=True, variability=Sdf.VariabilityUniform).Set(spec.lamp)
 
     prim.AddAppliedSchema(schema.RADIO_API)  # not ApplyAPI: that fails where a stage was opened before register()
-    for name, attribute in schema.RADIO_ATTRIBUTES.items():
-        created = prim.CreateAttribute(attribute.name, attribute.type_name, False, attribute.variability)
-        created.Set(getattr(spec.radio, name))
+    for name, value in file_values(spec.radio).items():
+        attribute = schema.RADIO_ATTRIBUTES[name]
+        if value or not attribute.is_optional:
+            created = prim.CreateAttribute(attribute.name, attribute.type_name, False, attribute.variability)
+            created.Set(value)
     return material
 
 

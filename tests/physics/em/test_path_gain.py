@@ -123,3 +123,37 @@ def test_a_carrier_outside_a_function_names_weather_material_and_range(device: s
         "frequency_range_hz is 20-40 GHz; choose a carrier inside it",
     ):
         solve(device, CONCRETE, narrow, PANE)
+
+
+def test_a_wall_in_two_layers_has_the_coefficients_of_one(device: str) -> None:
+    """Reflections, transmissions, wedges and rough surfaces all take layers, by one function."""
+    whole = solve(device, CONCRETE, replace(ROUGH, thickness=0.1), PANE)
+    halves = replace(ROUGH, thickness=0.06, layers=("itu_brick 0.03", "itu_brick 0.01"))
+    parts = solve(device, CONCRETE, halves, replace(PANE, thickness=0.002, layers=("itu_glass 0.004",)))
+    kinds = {PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFRACTION, PATH_DIFFUSE}
+    assert set(whole.kind.tolist()) == kinds
+    np.testing.assert_array_equal(parts.path_id, whole.path_id)
+    scale = np.abs(whole.a["sunny"]).max(axis=1, keepdims=True)
+    np.testing.assert_array_less(np.abs(parts.a["sunny"] - whole.a["sunny"]) / scale, 1e-9)
+    coated = solve(device, CONCRETE, ROUGH, replace(PANE, layers=("sheet 5",)))
+    through, plain = coated.kind == PATH_TRANSMISSION, solve(device, CONCRETE, ROUGH, PANE)
+    loss = np.abs(plain.a["sunny"][through]) / np.abs(coated.a["sunny"][through])
+    assert through.any() and (loss > 10.0).all()  # a metal film of 5 ohm: at least 20 dB
+
+
+def test_a_rough_surface_weakens_its_mirror_and_scatters(device: str) -> None:
+    """The reflection at the ground falls by exp(-8 (pi s cos / lambda)^2); diffuse paths appear without any S."""
+    smooth = solve(device, CONCRETE, CONCRETE, PANE, diffraction=False, max_depth=1)
+    rough = solve(device, replace(CONCRETE, rms_height=0.001), CONCRETE, PANE, diffraction=False, max_depth=1)
+    assert (smooth.kind == PATH_DIFFUSE).sum() == 0 and (rough.kind == PATH_DIFFUSE).sum() > 100
+    own = {int(path): row for row, path in enumerate(rough.path_id)}
+    is_down = (smooth.kind == PATH_SPECULAR) & (np.abs(smooth.vertex[:, 0, 2]) < 1e-6)
+    assert is_down.any()
+    for row in np.nonzero(is_down)[0]:
+        ends = np.array([[-15, 0, 6], [15, 2, 1.5], [5, -8, 2]], dtype=float)
+        tx, rx = ends[0], ends[1 + int(smooth.link[row])]
+        cosine = (tx[2] + rx[2]) / np.linalg.norm(rx * [1, 1, -1] - tx)
+        for column, carrier in enumerate(CARRIERS_HZ):
+            kept = np.exp(-8 * (np.pi * 0.001 * cosine * carrier / 299_792_458.0) ** 2)
+            ratio = np.abs(rough.a["sunny"][own[int(smooth.path_id[row])], column] / smooth.a["sunny"][row, column])
+            np.testing.assert_allclose(ratio, kept, rtol=1e-6)

@@ -131,6 +131,7 @@ def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
         rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
+        physics=config.channel.physics,
     )
     objects = {one.object_id: one for one in arrays.objects}
     faces: dict[tuple[str, str], list[np.ndarray]] = defaultdict(list)

@@ -182,7 +182,7 @@ def _radio(node: XmlNode, source: str) -> dict[str, Any]:
     named = re.match(r"(?:mat-)?itu[-_]([A-Za-z_]*[A-Za-z])", source)
     kind = node.get("type")
     fields: dict[str, Any] = {**file_values(RadioMaterial("constant")), "thickness": DEFAULT_THICKNESS_M}
-    numbers = [name for name, default in fields.items() if not isinstance(default, str)]
+    numbers = [name for name, default in fields.items() if isinstance(default, float | int)]
     if kind == "itu-radio-material" or named:
         row = values.text(node, "type") or (named[1] if named else "")
         if not row:
