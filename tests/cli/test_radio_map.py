@@ -49,6 +49,7 @@ def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureF
     np.testing.assert_allclose(rss, gain + 44.0)
     assert (sinr <= rss - 30 - 10 * np.log10(1.380649e-23 * 293 * 1e6) + 1e-9).all()
     assert (gain < -40).all()
+    assert made["channel"]["max_depth"] == 1 and made["channel"]["samples_per_tx"] == 40_000
     assert np.asarray(Image.open(files[1]).convert("L")).std() > 5
 
 

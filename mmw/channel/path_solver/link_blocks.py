@@ -56,7 +56,8 @@ def block_reflections(
     device, table = search.scene.device, search.table
     surfaces = np.arange(len(table), dtype=np.int32)
     if is_hit.shape[0]:
-        surfaces = surfaces[is_hit.numpy().any(axis=0)[table.device.plane.numpy()]]
+        is_seen = np.asarray(is_hit.numpy().any(axis=0))
+        surfaces = surfaces[is_seen[table.device.plane.numpy()]]
     if not len(surfaces):
         return
     inputs = [links.ends, table.device, search.pose, _device_ints(sources.first_link, device), blocks]
