@@ -36,11 +36,14 @@ from mmw.scene.mounted_antennas import RadioDevices
 LINKS_AT_ONCE = 2**16
 """Maximum number of links that are traced together; about 10 kB each at depth 3."""
 
-DIFFRACTED_LINKS_AT_ONCE = 2**13
+DIFFRACTED_LINKS_AT_ONCE = 2**11
 """The same with diffraction, which finds some hundred paths a link in a town."""
 
 SCATTERED_ROWS_AT_ONCE = 2**22
 """Maximum number of (link, ray, interaction) rows of diffuse reflection that are traced together."""
+
+PHASES_AT_ONCE = 2**23
+"""Maximum number of (path, element) pairs whose phases are held together, 16 bytes each."""
 
 MIN_LINKS_AT_ONCE = 64
 """Links that are traced together whatever they cost."""
@@ -87,14 +90,14 @@ def solve_radio_map(
     frame = int(scene.batch_frames[batch_index])
     path_gain = np.empty((len(transmitters), len(surface)))
     for row in range(len(transmitters)):
-        gain = np.empty(len(points))
+        gain, array = np.empty(len(points)), transmitters.arrays[row]
         for part in _portions(len(points), channel):
             links = _links(transmitters, row, points[order[part]], frame, batch_index)
             trace = trace_links(scene, links, channel, table, is_reciprocal=False)
-            array = transmitters.arrays[row]
-            index = np.zeros(len(links), dtype=np.int32)
-            elements = LinkElements(*(EndElements((own,), index) for own in (array, array)))
-            paths = path_gains(trace, channel, {"": materials}, None if air is None else {"": air}, elements)
+            end = EndElements((array,), np.zeros(len(links), dtype=np.int32))  # that of the receiver is not used
+            paths = path_gains(
+                trace, channel, {"": materials}, None if air is None else {"": air}, LinkElements(end, end)
+            )
             departure = unit_vector(paths.theta_t, paths.phi_t)
             field = precoded_field(
                 array, transmitters.rotation[row], transmitters.weights[row], departure, config.carrier_hz
@@ -157,9 +160,13 @@ def precoded_field(
 
     Source: 3GPP TR 38.901 section 7.3 for the elements; phases exp(+j 2 pi k . d / lambda) as in Sionna RT 2.2.
     """
+    rows = max(1, PHASES_AT_ONCE // array.element_count)
+    if len(direction) > rows:
+        parts = [direction[begin : begin + rows] for begin in range(0, len(direction), rows)]
+        return np.concatenate([precoded_field(array, rotation, weights, part, carrier_hz) for part in parts])
     turn = np.broadcast_to(rotation @ array.rotation, (len(direction), 3, 3))
     field = antenna_field(direction, turn, array.pattern, array.polarization, array.polarization_model)
     offset = array.element_positions(carrier_hz)[: array.element_count] @ rotation.T
-    phase = np.exp(2j * np.pi * carrier_hz / SPEED_OF_LIGHT * (direction @ offset.T))
+    phase = np.exp(2j * np.pi * carrier_hz / SPEED_OF_LIGHT * np.einsum("px,ex->pe", direction, offset))
     by_polarization = weights.reshape(-1, array.element_count)  # antenna n = p E + e
-    return np.einsum("psx,ps->px", field, phase @ by_polarization.T)
+    return np.einsum("psx,ps->px", field, np.einsum("pe,se->ps", phase, by_polarization))

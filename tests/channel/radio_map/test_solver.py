@@ -9,7 +9,7 @@ from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import SLANTS, antenna_field
 from mmw.channel.radio_map.measurement_surface import plane_grid
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
-from mmw.channel.radio_map.solver import solve_radio_map
+from mmw.channel.radio_map.solver import precoded_field, solve_radio_map
 from mmw.channel.radio_map.transmitters import Transmitters, actor_transmitters
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
@@ -275,3 +275,14 @@ def test_what_cannot_be_traced_is_named() -> None:
     found = actor_transmitters(arrays, 0, antennas=antenna_at({"rsu": (0.0, 0.0, 3.0)}))
     assert found.names == ("rsu_1",)
     np.testing.assert_allclose(found.position, [[0, 0, 3]])
+
+
+def test_the_field_of_an_array_does_not_depend_on_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+    array, weights = PlanarArray(3, 2, polarization="cross", orientation=(0.2, 0.1, 0.0)), np.exp(1j * np.arange(12))
+    ray = rng.normal(size=(100, 3))
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    whole = precoded_field(array, np.eye(3), weights, ray, CARRIER)
+    monkeypatch.setattr("mmw.channel.radio_map.solver.PHASES_AT_ONCE", 60)
+    np.testing.assert_array_equal(precoded_field(array, np.eye(3), weights, ray, CARRIER), whole)
+    assert whole.shape == (100, 2) and np.iscomplexobj(whole)
