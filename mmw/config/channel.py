@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 from mmw.config.agent_keys import AgentIdentity
 from mmw.config.antennas import AntennaConfig
 from mmw.config.links import LINK_RULES, LinkEnds, LinkName, LinkRule, link_ends
+from mmw.config.physics_presets import PHYSICS_PRESETS, Physics
 from mmw.config.sampling import Sampling
 from mmw.core.errors import InputError
 
@@ -16,6 +17,10 @@ class ChannelConfig(Sampling):
     """Paths on every link: line of sight, sequences of specular reflections, and what else is switched on."""
 
     enabled: bool = Field(default=True, description="trace radio channels at all (true or false)")
+    physics: Physics = Field(
+        default="paper",
+        description="preset of the keys below: `paper` has their defaults, `standard` and `full` compute more (name)",
+    )
     carriers_hz: tuple[float, ...] = Field(
         default=(28e9, 4.9e9), description="carrier frequencies, all from one trace [Hz]"
     )
@@ -78,6 +83,13 @@ class ChannelConfig(Sampling):
     def is_reciprocal(self) -> bool:
         """True if a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
         return not (self.diffraction or self.diffuse_reflection)
+
+    @model_validator(mode="after")
+    def _preset_fills_in(self) -> "ChannelConfig":
+        for key, value in PHYSICS_PRESETS[self.physics].items():
+            if key not in self.model_fields_set:
+                self.__dict__[key] = value  # the section is frozen for all others
+        return self
 
     @field_validator("carriers_hz")
     @classmethod

@@ -7,6 +7,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from mmw.config.air import AirConfig, resolve_air
+from mmw.config.channel import ChannelConfig
 from mmw.config.model import Config
 from mmw.config.validation_errors import tag_of
 from mmw.physics.weather.weather import PRESETS
@@ -59,17 +60,22 @@ def _default(field: FieldInfo) -> Any:
     return field.get_default(call_default_factory=True)
 
 
+def _changed(value: BaseModel, default: BaseModel) -> dict[str, Any]:
+    """Return the keys of a section whose values are not those of another one, and those without a default."""
+    return {
+        field.alias or name: _content(getattr(value, name), getattr(default, name))
+        for name, field in type(value).model_fields.items()
+        if getattr(value, name) != getattr(default, name) or field.is_required()
+    }
+
+
 def _content(value: Any, default: Any) -> Any:
     """Return a value as file content; of a section what differs from its default in this place."""
+    if isinstance(value, ChannelConfig):  # its preset says what is usual
+        preset = {} if value.physics == "paper" else {"physics": value.physics}
+        return preset | _changed(value, ChannelConfig(physics=value.physics))
     if isinstance(value, BaseModel):
-        if type(default) is not type(value):
-            return _section(value)
-        fields = type(value).model_fields
-        return {
-            field.alias or name: _content(getattr(value, name), getattr(default, name))
-            for name, field in fields.items()
-            if getattr(value, name) != getattr(default, name) or field.is_required()
-        }
+        return _changed(value, default) if type(default) is type(value) else _section(value)
     if isinstance(value, list | tuple):
         return [_content(item, None) for item in value]
     if isinstance(value, dict):
