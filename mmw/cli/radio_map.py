@@ -23,6 +23,7 @@ from mmw.channel.radio_map.table import RADIO_MAP
 from mmw.channel.radio_map.transmitters import actor_transmitters
 from mmw.cli.command import run_command
 from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config.sampling import Sampling
 from mmw.config.shipped import CONFIG_HELP
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device, device_name
@@ -36,6 +37,10 @@ from mmw.scene.scene_data import SceneData
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
 from mmw.storage.parquet_schema import arrow_schema, write_options
+
+
+CHANNEL_LEFT_OUT = {"enabled", "links", "antennas", "carriers_hz", *Sampling.model_fields}
+"""Keys of `channel` that say nothing about the paths of a map: they are not in its metadata."""
 
 
 def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
@@ -175,7 +180,7 @@ def run(arguments: argparse.Namespace) -> None:
         "points_per_cell": map_config.points_per_cell,
         "bandwidth_hz": map_config.bandwidth_hz,
         "temperature_k": map_config.temperature_k,
-        "channel": channel.model_dump(mode="json", exclude={"enabled", "links", "antennas", "carriers_hz"}),
+        "channel": channel.model_dump(mode="json", exclude=CHANNEL_LEFT_OUT),
         "config_sha256": config.sha256(),
         "mmw_version": __version__,
         "device": device_name(device),

@@ -33,7 +33,7 @@ class RadioMapConfig:
     """Settings of the computation of a map."""
 
     channel: ChannelConfig
-    """Which paths are searched for, and how; the map is at its first carrier."""
+    """Settings of the paths; the map is at its first carrier."""
     points_per_cell: int = 1
     """Points of each cell that the mean is taken over, the square of a whole number; 1 is the middle."""
     bandwidth_hz: float = 1e6

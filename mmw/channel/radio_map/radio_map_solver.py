@@ -22,8 +22,8 @@ from mmw.scene.scene import Scene
 PATH_DEPTH = 3
 """Most interactions on a path without a `channel`, that of `PathSolver`."""
 
-NOT_OF_A_MAP = ("enabled", "carriers_hz", "links", "antennas")
-"""Keys of `ChannelConfig` that say nothing about the paths from a place to a place."""
+NOT_OF_A_MAP = ("enabled", "physics", "carriers_hz", "links", "antennas")
+"""Keys of `ChannelConfig` that are no options of paths from a place to a place; a preset is given in `channel`."""
 
 
 class RadioMapSolver:
