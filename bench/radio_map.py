@@ -1,7 +1,8 @@
 """Time radio maps on a plane: `python -m bench.radio_map [--device cuda:0] [--cells 1e4,1e5] [--depth 1,2]`.
 
 Prints one line of JSON a setting: seconds of one call, seconds of the processor in it (what a busy machine does not
-change), cells a second of all transmitters, and the share of cells that is reached. Kernels are compiled and the tables of the scene made before.
+change), cells a second of all transmitters, and the share of cells that is reached. Kernels are compiled and the tables
+of the scene made before.
 """
 
 import argparse

@@ -38,7 +38,6 @@ from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
 from mmw.storage.parquet_schema import arrow_schema, write_options
 
-
 CHANNEL_LEFT_OUT = {"enabled", "links", "antennas", "carriers_hz", *Sampling.model_fields}
 """Keys of `channel` that say nothing about the paths of a map: they are not in its metadata."""
 
