@@ -132,13 +132,16 @@ def run(arguments: argparse.Namespace) -> None:
         patch["weathers"] = [arguments.weather]
     config = load_config(path, arguments.overrides, patch)
     config.check_single("a radio map")
+    channel = config.channel
+    map_config = RadioMapConfig(channel, arguments.points_per_cell, arguments.bandwidth, arguments.temperature)
+    map_config.check()
     select_bvh(config.compute.bvh)
     device = choose_device(arguments.device or config.compute.device)
     scenario = config.scenario(arguments.scenario)
     check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)
     frame = config.frames_of(scenario).start if arguments.frame is None else arguments.frame
     arrays = _arrays(config, scenario, frame, path.parent)
-    weather, channel = config.weathers[0], config.channel
+    weather = config.weathers[0]
     transmitters = actor_transmitters(
         arrays,
         frame,
@@ -158,7 +161,6 @@ def run(arguments: argparse.Namespace) -> None:
         height_m=arguments.height,
         size_m=None if arguments.size is None else (arguments.size, arguments.size),
     )
-    map_config = RadioMapConfig(channel, arguments.points_per_cell, arguments.bandwidth, arguments.temperature)
     scene = DeviceScene(arrays, device, 1)
     scene.load_batch([frame])
     began = time.perf_counter()
