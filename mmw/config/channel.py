@@ -48,6 +48,11 @@ class ChannelConfig(Sampling):
     refraction: bool = Field(
         default=False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
     )
+    finite_surfaces: bool = Field(
+        default=False,
+        description="reflections weakened, and reaching beyond the edges, as the size of the surface against the "
+        "Fresnel zone demands (true or false)",
+    )
     diffraction: bool = Field(default=False, description="around one convex edge of a path, UTD (true or false)")
     diffraction_lit_region: bool = Field(
         default=True, description="diffracted paths also where the source or its reflection is seen (true or false)"
@@ -88,7 +93,7 @@ class ChannelConfig(Sampling):
     def _preset_fills_in(self) -> "ChannelConfig":
         for key, value in PHYSICS_PRESETS[self.physics].items():
             if key not in self.model_fields_set:
-                self.__dict__[key] = value  # the section is frozen for all others
+                object.__setattr__(self, key, value)  # the section is frozen for all others
         return self
 
     @field_validator("carriers_hz")

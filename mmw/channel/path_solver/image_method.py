@@ -17,7 +17,7 @@ from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.interaction import DIFFRACTION
-from mmw.physics.em.vectors import norm
+from mmw.physics.em.vectors import dot, norm
 
 CANDIDATES_AT_ONCE = 2**20
 """Maximum number of candidates that are refined at once, about 400 bytes each at depth 3."""
@@ -48,7 +48,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
             found += _scatter_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     paths = TracedPaths(search.forward.order[paths.link].astype(np.int32), *paths.columns[1:])
-    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
+    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin, is_finite=table.outlines is not None))
 
 
 def _no_paths(depth: int) -> TracedPaths:
@@ -181,6 +181,7 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
             table.device,
             table.wedges.device,
             search.pose,
+            search.outlines,
             wp.vec3d(*scene.origin),
             candidates,
             config.max_depth if config.refraction else 0,
@@ -206,7 +207,9 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
     return found
 
 
-def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _deduplicate(
+    found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray, *, is_finite: bool
+) -> np.ndarray:
     """Return the rows to keep, sorted by (link, order, kinds, surfaces).
 
     Of paths of one link with the same interactions in the same places (see `SAME_POINT_M`), the one on the smallest
@@ -236,6 +239,8 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
             break
         one, other = one[near], other[near]
         same = (found.kind[one] == found.kind[other]).all(axis=1)
+        if is_finite:  # paths beside the outlines of two faces may touch both in their common corner
+            same &= (np.nan_to_num(np.abs(dot(found.normal[one], found.normal[other])), nan=1.0) > 0.99).all(axis=1)
         same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
         one, other = one[same], other[same]
         is_first = np.where(size[one] == size[other], rank_of[one] < rank_of[other], size[one] < size[other])

@@ -153,7 +153,8 @@ class RadioMapSolver:
         config = RadioMapConfig(channel, self._points_per_cell, bandwidth_hz, temperature_k)
         on_device = scene.device_scene
         table = scene.cached(
-            ("surfaces", channel.diffraction), lambda: make_surface_table(on_device, wedges=channel.diffraction)
+            ("surfaces", channel.diffraction, channel.finite_surfaces),
+            lambda: make_surface_table(on_device, wedges=channel.diffraction, finite=channel.finite_surfaces),
         )
         if self._check_places:
             _check_places(scene, transmitters)

@@ -65,9 +65,10 @@ def street() -> Scene:
         {"max_depth": 2, "refraction": True, "candidates": "exhaustive"},
         {"max_depth": 2, "diffraction": True, "refraction": True, "samples_per_tx": 2_000},
         {"max_depth": 1, "diffraction": True, "diffraction_lit_region": False, "los": False},
+        {"max_depth": 1, "finite_surfaces": True, "samples_per_tx": 30_000},
         {"max_depth": 1, "diffuse_reflection": True, "diffuse_samples": 100, "specular_reflection": False},
     ],
-    ids=["reflections", "exhaustive", "diffraction", "shadow", "diffuse"],
+    ids=["reflections", "exhaustive", "diffraction", "shadow", "finite", "diffuse"],
 )
 def test_a_map_is_the_sum_of_the_paths_in_sun_and_rain(options: dict) -> None:
     surface = some_cells(plane_grid((0.0, 0.0, 1.5), (90.0, 40.0), 1.0), 1000)
