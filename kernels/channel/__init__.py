@@ -1,1 +1,1 @@
-"""Trace propagation paths and radio maps."""
+"""Trace propagation paths."""

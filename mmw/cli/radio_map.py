@@ -8,7 +8,6 @@ import json
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from mmw.channel.radio_map.table import RADIO_MAP
 from mmw.channel.radio_map.transmitters import actor_transmitters
 from mmw.cli.command import run_command
 from mmw.config import Config, ScenarioConfig, config_path, load_config
+from mmw.config.sampling import Sampling
 from mmw.config.shipped import CONFIG_HELP
 from mmw.core.bvh_kind import select_bvh
 from mmw.core.device import choose_device, device_name
@@ -38,6 +38,9 @@ from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.manifest import DATASET
 from mmw.storage.parquet_schema import arrow_schema, write_options
 
+CHANNEL_LEFT_OUT = {"enabled", "links", "antennas", "carriers_hz", *Sampling.model_fields}
+"""Keys of `channel` that say nothing about the paths of a map: they are not in its metadata."""
+
 
 def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
     """Return the command line's parser."""
@@ -45,7 +48,8 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
         prog=prog,
         description="Trace a radio map: path gain, RSS and SINR of a scenario's roadside units over its roads or over "
         "a plane, at one moment, vehicles included.",
-        epilog="Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs the extra plot).",
+        epilog="Paths are those of `channel` of the configuration: interactions, materials and air of its links. "
+        "Writes SCENARIO_radio_map.parquet and SCENARIO_radio_map.png (the picture needs the extra plot).",
     )
     result.add_argument("--config", required=True, metavar="FILE", help=CONFIG_HELP)
     result.add_argument("overrides", nargs="*", metavar="key=value", help="replace values of the configuration")
@@ -63,8 +67,19 @@ def parser(prog: str = "mmw radiomap") -> argparse.ArgumentParser:
     result.add_argument(
         "--size", type=float, metavar="M", help="side of the square about the transmitters [m]; the town by default"
     )
-    result.add_argument("--depth", type=int, default=3, metavar="N", help="most interactions of a ray")
-    result.add_argument("--samples-per-tx", type=_count, default=10_000_000, metavar="N", help="rays of a transmitter")
+    result.add_argument(
+        "--points-per-cell",
+        type=_count,
+        default=1,
+        metavar="N",
+        help="points of a cell that the mean is taken over: 1, its middle (default), 4, 9, ...",
+    )
+    result.add_argument(
+        "--depth", type=int, metavar="N", help="most interactions on a path; channel.max_depth by default"
+    )
+    result.add_argument(
+        "--samples-per-tx", type=_count, metavar="N", help="rays of a transmitter; channel.samples_per_tx by default"
+    )
     result.add_argument(
         "--refraction",
         action=argparse.BooleanOptionalAction,
@@ -106,16 +121,27 @@ def run(arguments: argparse.Namespace) -> None:
         OutOfSpaceError: If the disk is full.
     """
     path = config_path(arguments.config)
-    patch: dict[str, Any] = {"weathers": [arguments.weather]} if arguments.weather else {}
+    options = {
+        "carriers_hz": None if arguments.carrier is None else [arguments.carrier],
+        "max_depth": arguments.depth,
+        "samples_per_tx": arguments.samples_per_tx,
+        "refraction": arguments.refraction,
+    }
+    patch: dict[str, Any] = {f"channel.{name}": value for name, value in options.items() if value is not None}
+    if arguments.weather:
+        patch["weathers"] = [arguments.weather]
     config = load_config(path, arguments.overrides, patch)
     config.check_single("a radio map")
+    channel = config.channel
+    map_config = RadioMapConfig(channel, arguments.points_per_cell, arguments.bandwidth, arguments.temperature)
+    map_config.check()
     select_bvh(config.compute.bvh)
     device = choose_device(arguments.device or config.compute.device)
     scenario = config.scenario(arguments.scenario)
     check_inputs(config.model_copy(update={"scenarios": (scenario,)}), path.parent)
     frame = config.frames_of(scenario).start if arguments.frame is None else arguments.frame
     arrays = _arrays(config, scenario, frame, path.parent)
-    weather, channel = config.weathers[0], config.channel
+    weather = config.weathers[0]
     transmitters = actor_transmitters(
         arrays,
         frame,
@@ -135,18 +161,12 @@ def run(arguments: argparse.Namespace) -> None:
         height_m=arguments.height,
         size_m=None if arguments.size is None else (arguments.size, arguments.size),
     )
-    map_config = RadioMapConfig(
-        carrier_hz=channel.carriers_hz[0] if arguments.carrier is None else arguments.carrier,
-        samples_per_tx=arguments.samples_per_tx,
-        max_depth=arguments.depth,
-        refraction=channel.refraction if arguments.refraction is None else arguments.refraction,
-        bandwidth_hz=arguments.bandwidth,
-        temperature_k=arguments.temperature,
-    )
     scene = DeviceScene(arrays, device, 1)
     scene.load_batch([frame])
     began = time.perf_counter()
-    result = solve_radio_map(scene, 0, transmitters, surface, map_config, arrays.materials[weather])
+    result = solve_radio_map(
+        scene, 0, transmitters, surface, map_config, arrays.materials[weather], config.air[weather].weather(weather)
+    )
     seconds = time.perf_counter() - began
     stem = arguments.out / f"{scenario.name}_radio_map"
     meta = {
@@ -157,16 +177,20 @@ def run(arguments: argparse.Namespace) -> None:
         "cell_m": arguments.cell,
         "height_m": arguments.height,
         "power_dbm": transmitters.power_dbm.tolist(),
-        **asdict(map_config),
+        "carrier_hz": map_config.carrier_hz,
+        "points_per_cell": map_config.points_per_cell,
+        "bandwidth_hz": map_config.bandwidth_hz,
+        "temperature_k": map_config.temperature_k,
+        "channel": channel.model_dump(mode="json", exclude=CHANNEL_LEFT_OUT),
         "config_sha256": config.sha256(),
         "mmw_version": __version__,
         "device": device_name(device),
     }
     power = ", ".join(f"{value:g}" for value in np.unique(transmitters.power_dbm))
-    rays = len(transmitters) * map_config.samples_per_tx
+    count = len(transmitters) * len(surface)
     print(
         f"{scenario.name}, {weather}, frame {frame}: {len(transmitters)} transmitter(s), "
-        f"{len(surface):,} cells, {si(rays)}rays in {seconds:.1f} s ({si(rays / seconds)}rays/s), {meta['device']}"
+        f"{len(surface):,} cells in {seconds:.1f} s ({si(count / seconds)}cells/s), {meta['device']}"
     )
     print(write_radio_map(result, stem.with_suffix(".parquet"), meta))
     if not arguments.table_only:
@@ -180,7 +204,7 @@ def run(arguments: argparse.Namespace) -> None:
             frame,
             stem.with_suffix(".png"),
             f"{scenario.name}, {weather}, frame {frame}: {map_config.carrier_hz / 1e9:g} GHz, {power} dBm, "
-            f"{over} {arguments.height:g} m, depth {map_config.max_depth}",
+            f"{over} {arguments.height:g} m, depth {channel.max_depth}",
         )
         print(stem.with_suffix(".png"))
 

@@ -10,6 +10,7 @@ from PIL import Image
 
 from mmw.__main__ import main
 from mmw.cli.radio_map import RADIO_MAP
+from mmw.config import load_config
 from mmw.core.resources import configs_dir
 
 CONFIG = str(configs_dir() / "quickstart.yaml")
@@ -49,6 +50,7 @@ def test_table_and_picture_of_a_scenario(tmp_path: Path, capsys: pytest.CaptureF
     np.testing.assert_allclose(rss, gain + 44.0)
     assert (sinr <= rss - 30 - 10 * np.log10(1.380649e-23 * 293 * 1e6) + 1e-9).all()
     assert (gain < -40).all()
+    assert made["channel"]["max_depth"] == 1 and made["channel"]["samples_per_tx"] == 40_000
     assert np.asarray(Image.open(files[1]).convert("L")).std() > 5
 
 
@@ -58,6 +60,8 @@ def test_sectors_are_transmitters_at_the_carrier_of_the_configuration(tmp_path: 
     assert main(["radiomap", *arguments, "--device", "cpu", "--out", str(tmp_path), "frames.count=1"]) == 0
     table = pq.read_table(tmp_path / "sectors_60ghz_radio_map.parquet")
     made = json.loads(table.schema.metadata[b"mmw.radio_map"])
+    assert made["channel"]["samples_per_tx"] == 20_000 and made["channel"]["max_depth"] == 0
+    assert made["channel"]["candidates"] == load_config("sectors_60ghz").channel.candidates
     assert made["carrier_hz"] == 60e9 and made["power_dbm"] == [30.0] * 3
     assert set(table.column("transmitter").to_pylist()) == {f"rsu_1.sector_{number}" for number in (1, 2, 3)}
 
@@ -69,6 +73,11 @@ def test_mistakes_are_named(tmp_path: Path, capsys: pytest.CaptureFixture) -> No
         (["--config", CONFIG, "--frame", "10"], "frames 0 to 9"),
         (["--config", CONFIG, "--weather", "hail"], "hail"),
         (["--config", CONFIG, "--device", "cuda:77"], "cuda:77"),
+        (["--config", CONFIG, "--points-per-cell", "3"], "points_per_cell = 3; the square of a whole number"),
+        (["--config", CONFIG, "--bandwidth", "0"], "bandwidth_hz = 0"),
+        (["--config", CONFIG, "--depth", "9"], "channel.max_depth"),
+        (["--config", CONFIG, "--samples-per-tx", "10"], "channel.samples_per_tx"),
+        (["--config", CONFIG, "--carrier", "28"], "channel.carriers_hz"),
     ):
         assert main(["radiomap", *arguments, "--out", str(tmp_path)]) == 2
         assert part in capsys.readouterr().err

@@ -11,18 +11,21 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from mmw.channel import MeasurementSurface, RadioMap, mesh_surface, plane_grid
 from mmw.channel.radio_map.radio_map import RadioMapConfig
 from mmw.channel.radio_map.transmitters import Transmitters
+from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.scene.radio_devices import Transmitter
 from tests.fixtures.map_scenes import map_scene
 from tests.fixtures.scenes import arrays_from_parts, box_mesh, box_part
 from tests.oracles.radio_map import CARRIER, UPRIGHT
 
+CHANNEL = ChannelConfig(carriers_hz=(CARRIER,))
+
 
 def make_map(surface: MeasurementSurface) -> RadioMap:
     gain = 10.0 ** np.random.default_rng(1).uniform(-12, -7, (2, len(surface)))
     gain[:, 3], gain[0, 4] = 0.0, 0.0
     tx = Transmitters(("bs", "far"), np.array([[0.0, 0, 9], [5, 5, 9]]), np.tile(np.eye(3), (2, 1, 1)), np.zeros(2))
-    return RadioMap(tx, surface, RadioMapConfig(CARRIER), gain)
+    return RadioMap(tx, surface, RadioMapConfig(CHANNEL), gain)
 
 
 def drawn(figure: Figure) -> list:

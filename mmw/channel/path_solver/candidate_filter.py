@@ -5,10 +5,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.candidate_output import Candidates, count_then_write, prefix_sum, write_candidates
 from mmw.channel.path_solver.candidates import launches
+from mmw.channel.path_solver.link_blocks import block_candidates, block_reflections, make_link_blocks
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
 from mmw.core.packed_arrays import borrow_arrays
-from mmw.core.transfer import to_host
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.finite_surfaces import cull_finite_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
@@ -20,10 +21,6 @@ from mmw.kernels.channel.reflection_candidates import (
     fill_candidates_kernel,
     image_kernel,
 )
-
-Candidates = tuple[np.ndarray, np.ndarray, bool]
-"""Links, shape [C]; interactions from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
-or -1 behind the end; and whether it is planes."""
 
 
 def reflected_candidates(
@@ -40,15 +37,21 @@ def reflected_candidates(
         InputError: If there are too many candidates to try them all, or to hold them.
     """
     for part, begin, is_hit, keys in launches(search, links.sources):
-        if search.table.outlines is None:
+        blocks = make_link_blocks(links, part)
+        if search.table.outlines is not None:
+            yield from _finite_reflections(search, links, part, begin, is_hit)
+        elif blocks is None:
             yield _single_reflections(search, links, part, begin, is_hit)
         else:
-            yield from _finite_reflections(search, links, part, begin, is_hit)
+            yield from block_reflections(search, links, part, is_hit, blocks)
         if keys is not None:
             tree = _build_tree(search, part, keys)
-            yield from _reflected(search, links, part, tree)
+            if blocks is None:
+                yield from _reflected(search, links, part, tree)
+            else:
+                yield from block_candidates(search, links, part, tree, blocks)
             if backward is not None:
-                yield from _count_then_write(search, diffraction_kernel, links, part, tree)
+                yield from _with_wedges(search, diffraction_kernel, links, part, tree)
                 if search.config.max_depth > 2:
                     yield from _double_sided(search, links, part, tree, *backward)
 
@@ -58,7 +61,7 @@ def diffracted_candidates(search: Search, links: SortedLinks) -> Iterator[Candid
     for part, _, _, keys in launches(search, links.sources):
         if keys is not None:
             tree = _build_tree(search, part, keys)
-            yield from _count_then_write(search, diffraction_kernel, links, part, tree)
+            yield from _with_wedges(search, diffraction_kernel, links, part, tree)
 
 
 def _single_reflections(
@@ -151,7 +154,7 @@ def _double_sided(
         source = receiver - low - begin
         source = np.where((source >= 0) & (source < len(part)), source, -1)
         reverse.source = wp.array(source, dtype=wp.int32, device=device)
-        yield from _count_then_write(search, double_sided_kernel, links, sources, tree, reverse, depth)
+        yield from _with_wedges(search, double_sided_kernel, links, sources, tree, reverse, depth)
 
 
 def _cull_then_fill(
@@ -160,36 +163,18 @@ def _cull_then_fill(
     """Yield the output of a kernel that writes the links that another one marks and counts."""
     links, count = (wp.empty(dim, dtype=wp.int32, device=search.scene.device) for _ in range(2))
     wp.launch(cull, dim=dim, inputs=inputs, outputs=[links, count], device=search.scene.device)
-    end, total = _prefix_sum(count.flatten())
-    yield from _write(search, fill, [*fill_inputs, links, end.reshape(dim)], [], dim, total, is_plane)
+    end, total = prefix_sum(count.flatten())
+    yield from write_candidates(search, fill, [*fill_inputs, links, end.reshape(dim)], [], dim, total, is_plane)
 
 
-def _count_then_write(
+def _with_wedges(
     search: Search, kernel: wp.Kernel, links: SortedLinks, sources: Sources, tree: CandidateTree, *more: object
 ) -> Iterator[Candidates]:
-    """Yield the output of a kernel that counts first and then writes."""
-    device, depth, dim = search.scene.device, search.config.max_depth, tree.key.shape
-    first_link = wp.array(sources.first_link, dtype=wp.int32, device=device)
+    """Yield the output of a kernel that puts wedges among the planes of candidates."""
+    first_link = wp.array(sources.first_link, dtype=wp.int32, device=tree.key.device)
     table = search.table
     inputs = [links.ends, table.device, table.wedges.device, search.pose, first_link, tree, *more]
-    count = wp.zeros(dim, dtype=wp.int32, device=device)
-    link, step = wp.empty(1, dtype=wp.int32, device=device), wp.empty((1, depth), dtype=wp.int32, device=device)
-    wp.launch(kernel, dim=dim, inputs=[*inputs, False, count], outputs=[count, link, step], device=device)
-    end, total = _prefix_sum(count)
-    yield from _write(search, kernel, [*inputs, True, end], [count], dim, total, True)
-
-
-def _write(
-    search: Search, kernel: wp.Kernel, inputs: list, outputs: list, dim: Sequence, total: int, is_plane: bool
-) -> Iterator[Candidates]:
-    """Yield the `total` candidates that a kernel writes, if there are any."""
-    if total:
-        device = search.scene.device
-        link = wp.empty(total, dtype=wp.int32, device=device)
-        step = wp.full((total, search.config.max_depth), -1, dtype=wp.int32, device=device)
-        wp.launch(kernel, dim=dim, inputs=inputs, outputs=[*outputs, link, step], device=device)
-        found_link, found_step = to_host([link, step])
-        yield found_link, found_step, is_plane
+    yield from count_then_write(search, kernel, inputs, tree.key.shape, True)
 
 
 def _by_last_plane(tree: CandidateTree, depth: int) -> tuple[np.ndarray, np.ndarray]:
@@ -201,10 +186,3 @@ def _by_last_plane(tree: CandidateTree, depth: int) -> tuple[np.ndarray, np.ndar
     key = source[cell].astype(np.int64) * tree.plane_count + plane.astype(np.int64)
     order = np.lexsort((keys[cell], key))
     return key[order], cell[order]
-
-
-def _prefix_sum(count: wp.array) -> tuple[wp.array, int]:
-    """Return the inclusive sums of counts, and the whole."""
-    end = wp.empty_like(count)
-    wp.utils.array_scan(count, end, inclusive=True)
-    return end, int(end[-1:].numpy()[0])

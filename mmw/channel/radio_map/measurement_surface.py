@@ -133,7 +133,7 @@ def mesh_surface(points: ArrayLike, faces: ArrayLike, *, offset_m: float = 0.0) 
         points: Vertices, world frame [m], shape [N, 3].
         faces: Triangles as indices of vertices, counter-clockwise seen from outside, shape [M, 3].
         offset_m: Distance by which each triangle is moved along its outward normal [m]. On the surface of an object it
-            must be above 0: power is counted before a ray meets the object and after it is reflected.
+            must be above 0.01 m for its own reflections to count: the path solver takes no shorter segment.
 
     Raises:
         InputError: If a value has another shape, is not finite or names no vertex, a triangle has no area, or there are

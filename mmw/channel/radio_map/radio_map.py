@@ -10,6 +10,7 @@ from mmw.channel.radio_map.cell_points import find_cells, sample_in_cells
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface
 from mmw.channel.radio_map.table import radio_map_table
 from mmw.channel.radio_map.transmitters import Transmitters
+from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
 from mmw.core.registry import load_reference
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
 BOLTZMANN = 1.380_649e-23
 """Boltzmann constant [J/K], exact (SI of 2019)."""
 
+MAX_POINTS = 10_000
+"""Maximum number of points of a cell."""
+
 METRICS = {"path_gain": "path_gain_db", "rss": "rss_dbm", "sinr": "sinr_db"}
 """Metric -> property of a `RadioMap` that has it, in decibel."""
 
@@ -28,18 +32,58 @@ METRICS = {"path_gain": "path_gain_db", "rss": "rss_dbm", "sinr": "sinr_db"}
 class RadioMapConfig:
     """Settings of the computation of a map."""
 
-    carrier_hz: float
-    """Carrier frequency [Hz]."""
-    samples_per_tx: int = 10_000_000
-    """N: rays of each transmitter."""
-    max_depth: int = 3
-    """Maximum number of reflections (and transmissions) of a ray; 0 is the line of sight."""
-    refraction: bool = False
-    """Follow transmissions through slabs, too."""
+    channel: ChannelConfig
+    """Settings of the paths; the map is at its first carrier."""
+    points_per_cell: int = 1
+    """Points of each cell that the mean is taken over, the square of a whole number; 1 is the middle."""
     bandwidth_hz: float = 1e6
     """Bandwidth of the noise [Hz]. Source of this default and the next: Sionna RT 2.2."""
     temperature_k: float = 293.0
     """Temperature of the noise [K]."""
+
+    def __post_init__(self) -> None:
+        first = self.channel.model_copy(update={"carriers_hz": self.channel.carriers_hz[:1]})
+        object.__setattr__(self, "channel", first)
+
+    @property
+    def carrier_hz(self) -> float:
+        """Carrier frequency [Hz]."""
+        return self.channel.carriers_hz[0]
+
+    def check(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            InputError: If one is out of range or not whole.
+        """
+        check_points(self.points_per_cell)
+        for name in ("bandwidth_hz", "temperature_k"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise InputError(
+                    f"radio map: {name} = {getattr(self, name):g}; it must be above 0; give a positive number"
+                )
+
+
+def check_points(count: int) -> None:
+    """Raise InputError if cells cannot have so many points: it is no square of a whole number, or too many."""
+    is_whole = isinstance(count, int | np.integer) and 1 <= count <= MAX_POINTS
+    if not is_whole or round(count**0.5) ** 2 != count:
+        raise InputError(
+            f"radio map: points_per_cell = {count!r}; the square of a whole number is needed, 1 to {MAX_POINTS}, such "
+            "as 4; correct it"
+        )
+
+
+def at_carrier(channel: ChannelConfig, carrier_hz: float) -> ChannelConfig:
+    """Return the settings at one carrier.
+
+    Raises:
+        InputError: If it is no carrier.
+    """
+    try:
+        return ChannelConfig(**{**channel.model_dump(), "carriers_hz": (carrier_hz,)})
+    except InputError as error:
+        raise InputError(f"radio map: carrier_hz = {carrier_hz:g}; {error}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +110,12 @@ class RadioMap:
     config: RadioMapConfig
     path_gain: np.ndarray
     """Mean power gain to an ideal isotropic receiver, transmit pattern and precoding included, shape [T, C], float64;
-    exactly 0 where no ray of the transmitter arrives."""
+    exactly 0 where no path of the transmitter arrives."""
 
     def __repr__(self) -> str:
         return (
             f"<radio map of {', '.join(self.tx_names)} in {len(self.surface):,} cells at "
-            f"{self.config.carrier_hz / 1e9:g} GHz, depth {self.config.max_depth}>"
+            f"{self.config.carrier_hz / 1e9:g} GHz, depth {self.config.channel.max_depth}>"
         )
 
     @property

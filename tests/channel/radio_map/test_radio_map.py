@@ -7,10 +7,13 @@ from mmw.channel.radio_map.measurement_surface import MeasurementSurface, mesh_s
 from mmw.channel.radio_map.radio_map import BOLTZMANN, RadioMap, RadioMapConfig
 from mmw.channel.radio_map.table import RADIO_MAP
 from mmw.channel.radio_map.transmitters import Transmitters
+from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from tests.oracles.radio_map import CARRIER, UPRIGHT
 
 PLACES = np.array([[0.0, 0.0, 10.0], [30.0, 5.0, 8.0], [-20.0, -9.0, 4.0]])
+
+CHANNEL = ChannelConfig(carriers_hz=(CARRIER,))
 
 
 def random_map(surface: MeasurementSurface, seed: int = 1) -> RadioMap:
@@ -19,7 +22,7 @@ def random_map(surface: MeasurementSurface, seed: int = 1) -> RadioMap:
     gain = 10.0 ** rng.uniform(-12, -7, (3, len(surface))) * (rng.random((3, len(surface))) > 0.1)
     gain[:, 0] = 0.0
     tx = Transmitters(("a", "b", "c"), PLACES, np.tile(np.eye(3), (3, 1, 1)), np.array([44.0, 20.0, 37.0]))
-    return RadioMap(tx, surface, RadioMapConfig(CARRIER), gain)
+    return RadioMap(tx, surface, RadioMapConfig(CHANNEL), gain)
 
 
 def uneven() -> MeasurementSurface:
@@ -36,7 +39,7 @@ def test_received_power_interference_and_server() -> None:
     tx = Transmitters(("a", "b"), np.zeros((2, 3)), np.tile(np.eye(3), (2, 1, 1)), np.array([30.0, 20.0]))
     surface = plane_grid((0, 0, 0), (4, 1), 1.0)
     gain = np.array([[1e-9, 1e-9, 0.0, 0.0], [1e-8, 1e-7, 1e-9, 0.0]])
-    result = RadioMap(tx, surface, RadioMapConfig(CARRIER, bandwidth_hz=20e6, temperature_k=290.0), gain)
+    result = RadioMap(tx, surface, RadioMapConfig(CHANNEL, bandwidth_hz=20e6, temperature_k=290.0), gain)
     noise = BOLTZMANN * 290.0 * 20e6
     assert 10 * np.log10(noise) + 30 == pytest.approx(-100.96, abs=0.01)  # -173.98 dBm/Hz + 73.01 dB
     np.testing.assert_allclose(result.rss_dbm, [[-60, -60, -np.inf, -np.inf], [-60, -50, -70, -np.inf]])

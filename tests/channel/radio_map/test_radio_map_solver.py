@@ -5,9 +5,10 @@ import pytest
 
 from mmw.channel import PlanarArray, RadioMapSolver, mesh_surface, plane_grid, road_grid
 from mmw.channel.antennas.patterns import PatternTable, antenna_field
-from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
+from mmw.channel.radio_map.radio_map import RadioMapConfig
 from mmw.channel.radio_map.solver import solve_radio_map
 from mmw.channel.radio_map.transmitters import Transmitters
+from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
@@ -15,12 +16,12 @@ from mmw.physics.em.vectors import direction_angles
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.radio_devices import Transmitter
 from tests.fixtures.map_scenes import map_scene
-from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose, quad_part
-from tests.oracles.channel import channel, link_scene, radio_materials, solve
-from tests.oracles.radio_map import CARRIER, UNIT, UPRIGHT, WAVELENGTH, cell_mean, check, isotropic, poisson
+from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose
+from tests.oracles.channel import radio_materials
+from tests.oracles.radio_map import CARRIER, UNIT, UPRIGHT, WAVELENGTH, cell_mean, check
 
 AT, TURN = np.array([1.0, -2.0, 10.0]), quaternion_from_ypr(0.4, 0.9, -0.3)
-FAST = RadioMapSolver(max_depth=0, samples_per_tx=400_000)
+FAST = RadioMapSolver(max_depth=0, air_losses=False)
 
 
 def array_gain(array: PlanarArray, turn: np.ndarray, weight: np.ndarray, ray: np.ndarray) -> np.ndarray:
@@ -43,17 +44,6 @@ def free_space(array: PlanarArray, weight: np.ndarray, place: np.ndarray = AT, t
         return UNIT * array_gain(array, turn, weight, ray / r[:, None]) / r**2
 
     return gain
-
-
-def check_free_space(result: RadioMap, gain, row: int = 0) -> None:
-    """Compare a row of a map without a scene to the Friis equation, each cell and the sum."""
-    surface = result.surface
-    ray = surface.center - result.transmitters.position[row]
-    r = np.linalg.norm(ray, axis=1)
-    slope = np.abs((ray / r[:, None] * surface.mesh.normals[:: len(surface.faces) // len(surface)]).sum(axis=1))
-    expected = cell_mean(surface, gain)
-    own = RadioMap(isotropic(list(AT)), surface, result.config, result.path_gain[row][None])
-    check(own, expected, most=2 * expected.max() * r**2 / UNIT / slope)
 
 
 SECTOR = PatternTable(
@@ -81,7 +71,7 @@ def test_plane_in_free_space(array: PlanarArray, orientation, device: str) -> No
         scene, center_m=(2.0, 1.0, 1.5), size_m=(30.0, 24.0), orientation=orientation, precoding={"bs": weight}
     )
     assert result.surface.grid_shape == (12, 15)
-    check_free_space(result, free_space(array, weight))
+    check(result, cell_mean(result.surface, free_space(array, weight)))
 
 
 def test_a_tilted_plane_is_the_points_it_says(device: str) -> None:
@@ -123,51 +113,49 @@ def test_precoding_is_the_dense_sum_over_antennas(device: str) -> None:
     ray = np.array([1.0, 0.2, -0.4]) / np.linalg.norm([1.0, 0.2, -0.4])
     weight = np.exp(-2j * np.pi / WAVELENGTH * (array.element_positions(CARRIER) @ ray)) / 32**0.5
     scene = map_scene(arrays_from_parts([]), device, Transmitter("bs", AT, array=array))
-    result = RadioMapSolver(max_depth=0, samples_per_tx=600_000)(
+    result = RadioMapSolver(max_depth=0, points_per_cell=9, air_losses=False)(
         scene, precoding=weight, center_m=(20.0, 5.0), size_m=(30.0, 30.0)
     )
     gain = free_space(array, weight, turn=np.array([0, 0, 0, 1.0]))
-    expected = cell_mean(result.surface, gain, steps=20)
-    r = np.linalg.norm(result.cell_centers - AT, axis=1)
     peak = array_gain(array, np.array([0, 0, 0, 1.0]), weight, ray[None])[0]
     assert peak > 50.0  # 16 elements of 8 dBi less the tilt; each polarization has half the power
-    assert (np.abs(result.path_gain[0] - expected) <= 3 * poisson(result, expected, peak * r / 8.5) + 1e-12).all()
-    assert result.path_gain.sum() == pytest.approx(expected.sum(), rel=2e-3)
+    check(result, cell_mean(result.surface, gain, steps=3))
 
 
 def test_mesh_is_the_plane_in_triangles(device: str) -> None:
-    """Both triangles of a cell together have the power of the cell."""
-    arrays = arrays_from_parts([ground_part()])
-    scene = map_scene(arrays, device, Transmitter("bs", (3, 2, 6)), Transmitter("other", (-9, 2, 4)))
-    plane = plane_grid((1.0, 2.0, 1.5), (20.0, 12.0), 1.0, (0.1, 0.0, 0.0, 1.0))
-    solver = RadioMapSolver(max_depth=2, samples_per_tx=100_000)
+    """With many points both triangles of a cell together have the power of the cell, up to the edges of shadows."""
+    parts = [ground_part(), box_part("Buildings/house", (3, 3, 2), (6, 3, 1), "concrete_facade", "building")]
+    scene = map_scene(arrays_from_parts(parts), device, Transmitter("bs", (3, 2, 6)), Transmitter("other", (-9, 2, 4)))
+    plane = plane_grid((1.0, 2.0, 2.5), (20.0, 12.0), 2.0, (0.1, 0.0, 0.0, 1.0))
+    solver = RadioMapSolver(max_depth=2, samples_per_tx=100_000, points_per_cell=144)
     whole, parts = solver(scene, surface=plane), solver(scene, surface=mesh_surface(plane.mesh.points, plane.faces))
     assert parts.path_gain.shape == (2, 2 * len(plane))
     power = (parts.path_gain * parts.cell_areas).reshape(2, -1, 2).sum(axis=2)
-    np.testing.assert_allclose(power, whole.path_gain * whole.cell_areas, rtol=1e-12)
+    off = np.abs(power / (whole.path_gain * whole.cell_areas) - 1.0)
+    assert np.quantile(off, 0.9) < 1e-3 and off.max() < 0.1
     assert (parts.path_gain > 0).mean() > 0.9
 
 
 def test_object_that_is_measured_on(device: str) -> None:
-    """A roof of perfect conductor, 1 cm off: direct and reflected power; a car is measured where it is in the frame."""
+    """A roof of perfect conductor, 2 cm off: direct and reflected power; a car is measured where it is in the frame."""
     box = box_part("Buildings/house", (8.0, 6.0, 4.0), (20.0, 0.0, 2.0), "pec", "building")
     arrays = arrays_from_parts(
         [box], [box_model("car")], [("cav_1", "cav", 0)], [[pose(9.0, 0.0)], [pose(5.0, 2.0, yaw=0.5)]],
         materials=radio_materials({"pec": RadioMaterial("itu", itu="itu_pec")}),
     )  # fmt: skip
     scene = map_scene(arrays, device, Transmitter("bs", (20.0, 0.0, 12.0)), frame=1)
-    solver = RadioMapSolver(max_depth=1, samples_per_tx=1_000_000)
+    solver = RadioMapSolver(max_depth=1, points_per_cell=400, air_losses=False)
     for name in ("house", "/World/Town/Buildings/house"):
         roof = solver(scene, surface=name)
         assert len(roof.cell_centers) == 12
         top = roof.cell_centers[:, 2] > 4.0
-        np.testing.assert_allclose(roof.cell_centers[top, 2], 4.01)
+        np.testing.assert_allclose(roof.cell_centers[top, 2], 4.02)
         assert top.sum() == 2
         np.testing.assert_allclose(roof.cell_areas[top], 24.0)
-        assert roof.path_gain[0, ~top].max() < 0.01 * roof.path_gain[0, top].min()  # the upper 2 cm of walls 1 cm off
+        assert roof.path_gain[0, ~top].max() < 0.01 * roof.path_gain[0, top].min()  # walls, straight from above
     at = (np.arange(200) + 0.5) / 200
     x, y = np.meshgrid(16 + 8 * at, -3 + 6 * at)
-    expected = np.mean([1 / ((x - 20) ** 2 + y**2 + height**2) for height in (7.99, 8.01)]) * 2 * UNIT
+    expected = np.mean([1 / ((x - 20) ** 2 + y**2 + height**2) for height in (7.98, 8.02)]) * 2 * UNIT
     assert roof.path_gain[0, top].mean() == pytest.approx(expected, rel=2e-3)
     far = solver(scene, surface="house", height_m=0.5)
     np.testing.assert_allclose(far.cell_centers[:, 2].max(), 4.5)
@@ -184,7 +172,8 @@ def test_roads_and_defaults_are_the_functions_bit_for_bit(device: str) -> None:
         ("bs",), np.array([[3.0, 2, 6]]), quaternion_to_matrix(device_tx.orientation)[None], np.array([44.0]),
         PlanarArray(pattern="iso"),
     )  # fmt: skip
-    solver, config = RadioMapSolver(max_depth=1, samples_per_tx=50_000), RadioMapConfig(3.5e9, 50_000, 1)
+    channel = ChannelConfig(carriers_hz=(3.5e9,), samples_per_tx=50_000, max_depth=1)
+    solver, config = RadioMapSolver(max_depth=1, samples_per_tx=50_000), RadioMapConfig(channel)
     for options, surface in (
         ({"surface": "roads"}, road_grid(arrays, 2.0, 1.5)),
         ({"surface": "roads", "cell_size_m": 1.0, "height_m": 3.0, "size_m": (10.0, 8.0)},
@@ -194,36 +183,13 @@ def test_roads_and_defaults_are_the_functions_bit_for_bit(device: str) -> None:
         ({"surface": plane_grid((1, 2, 4.0), (8.0, 8.0), 2.0)}, plane_grid((1, 2, 4.0), (8.0, 8.0), 2.0)),
     ):  # fmt: skip
         result = solver(scene, carrier_hz=3.5e9, weather="rainy", **options)
-        same = solve_radio_map(scene.device_scene, 0, tx, surface, config, arrays.materials["rainy"])
+        air = scene.weathers["rainy"]
+        same = solve_radio_map(scene.device_scene, 0, tx, surface, config, arrays.materials["rainy"], air)
         np.testing.assert_array_equal(result.surface.corners, surface.corners)
         assert result.path_gain.tobytes() == same.path_gain.tobytes()
         assert (result.path_gain > 0).all()
-    assert result.config == RadioMapConfig(3.5e9, 50_000, 1, False, 1e6, 293.0)
-
-
-def test_power_is_that_of_the_paths(device: str) -> None:
-    """Two rays over real ground, a wall beside it: the mean of the path solver's powers over points of four cells."""
-    parts = [
-        ground_part(half=100.0),
-        quad_part("Buildings/wall", [(-50, 9, 0), (50, 9, 0), (50, 9, 40), (-50, 9, 40)], "marble_facade", "building"),
-    ]
-    surface = plane_grid((12.0, 0.0, 2.0), (4.0, 4.0), 2.0)
-    steps = (np.arange(5) + 0.5) / 5 * 2.0 - 1.0
-    points = np.concatenate([middle + [[x, y, 0.0] for x in steps for y in steps] for middle in surface.center])
-    arrays = link_scene(parts, (0.0, 0.0, 7.0), *points)
-    _, paths = solve(arrays, channel(carriers_hz=(CARRIER,), max_depth=2, pattern="iso"), device)
-    power = {}
-    for kind in ("V", "H"):  # an ideal receiver takes both
-        weights = {"V": [1.0, 0.0], "H": [0.0, 1.0]}[kind]
-        transmitted = paths.transfer["sunny"][:, 0, :, 0]  # of a vertical isotropic transmitter
-        power[kind] = np.bincount(paths.link, np.abs(transmitted @ weights) ** 2, len(points))
-    expected = (power["V"] + power["H"]).reshape(4, -1).mean(axis=1)
-    assert (paths.count >= 4).all()  # line of sight, ground, wall, both
-    result = RadioMapSolver(max_depth=2, samples_per_tx=4_000_000)(
-        map_scene(arrays, device, Transmitter("rsu_1", (0, 0, 7))), surface=surface
-    )
-    np.testing.assert_allclose(result.path_gain[0], expected, rtol=0.03)
-    assert result.path_gain.sum() == pytest.approx(expected.sum(), rel=0.01)
+    assert result.config == config == RadioMapConfig(channel, 1, 1e6, 293.0)
+    assert RadioMapSolver(channel)(scene, size_m=(8.0, 8.0)).config == config  # with the carrier of the settings
 
 
 def test_mistakes_are_named() -> None:
@@ -233,7 +199,7 @@ def test_mistakes_are_named() -> None:
     scene, empty = map_scene(arrays, "cpu", bs, array=array), map_scene(arrays_from_parts([]), "cpu", bs)
     gone = map_scene(arrays_from_parts([], [box_model("c")], [("car", "cav", 0)], [[(np.nan,) * 7]]), "cpu", bs)
     plane, run = plane_grid((0, 0, 1.5), (4, 4), 1.0), RadioMapSolver(max_depth=0, samples_per_tx=1000)
-    fast_phase = PlanarArray(pattern=lambda theta, phi: np.exp(90j * phi))
+    inside = map_scene(arrays, "cpu", Transmitter("in", (9.0, 9.0, 1.0)), array=array)
     for call, part in (
         (lambda: run(map_scene(arrays, "cpu"), surface=plane), "has no transmitter; a radio map needs one"),
         (lambda: run(scene, weather="hail"), "hail.*sunny"),
@@ -263,10 +229,16 @@ def test_mistakes_are_named() -> None:
         (lambda: run(scene, surface=plane, precoding={"bs": [1, 1, 1, np.nan]}), "4 finite numbers"),
         (lambda: run(scene, surface=plane, precoding={"b": np.ones(4)}), "precoding of 'b'.*use bs"),
         (lambda: run(scene, surface=plane, precoding="mrt"), "precoding is no array"),
-        (lambda: run(map_scene(arrays, "cpu", bs, array=fast_phase), surface=plane), "changes too fast"),
-        (lambda: RadioMapSolver(max_depth=31), "max_depth = 31"),
-        (lambda: RadioMapSolver(max_depth=9, refraction=True), "0 to 8 is possible with"),
-        (lambda: RadioMapSolver(samples_per_tx=1e6), "such as int"),  # pyright: ignore[reportArgumentType]
+        (lambda: run(scene, surface=plane, carrier_hz=28.0), "carrier_hz = 28; .*hertz"),
+        (
+            lambda: run(inside, surface=plane),
+            r"'in': position = .* is inside .*RadioMapSolver\(check_places=False",
+        ),
+        (lambda: RadioMapSolver(max_depth=9), "RadioMapSolver.*max_depth"),
+        (lambda: RadioMapSolver(samples_per_tx=999), "samples_per_tx"),
+        (lambda: RadioMapSolver(depth=2), "depth; there is no such option; use .*max_depth"),
+        (lambda: RadioMapSolver(carriers_hz=(28e9,)), "carriers_hz; there is no such option"),
+        (lambda: RadioMapSolver(points_per_cell=3), "points_per_cell = 3; the square"),
     ):
         with pytest.raises(InputError, match=part):
             call()

@@ -9,8 +9,9 @@ from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import SLANTS, antenna_field
 from mmw.channel.radio_map.measurement_surface import plane_grid
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
-from mmw.channel.radio_map.solver import solve_radio_map
+from mmw.channel.radio_map.solver import precoded_field, solve_radio_map
 from mmw.channel.radio_map.transmitters import Transmitters, actor_transmitters
+from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT, VACUUM_PERMITTIVITY
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from mmw.physics.em.vectors import direction_angles, spherical_basis
@@ -45,7 +46,7 @@ CASES = json.loads((FOLDER / "radio_maps.json").read_text())["cases"]
 
 
 def sionna_map(name: str, device: str) -> tuple[RadioMap, np.ndarray, np.ndarray]:
-    """Return our map of a reference case with 1e6 rays, and Sionna's gain [T, C] and cell centers [C, 3]."""
+    """Return our map of a reference case with 25 points a cell, and Sionna's gain [T, C] and cell centers [C, 3]."""
     case, reference = CASES[name], read_case(name)
     config, solver = case["config"], case["config"]["solver"]
     used = {key: used_material(key, values, {}) for key, values in case["materials"].items()}
@@ -57,25 +58,28 @@ def sionna_map(name: str, device: str) -> tuple[RadioMap, np.ndarray, np.ndarray
     )  # fmt: skip
     result = trace(
         arrays_from_ply(files), device, tx, plane_grid(solver["center"], solver["size"], solver["cell_size"][0]),
-        carrier_hz=config["frequency"], samples_per_tx=1_000_000, max_depth=solver["max_depth"],
+        carriers_hz=(config["frequency"],), max_depth=solver["max_depth"], points_per_cell=25,
     )  # fmt: skip
     return result, reference["path_gain"].reshape(2, -1).astype(float), reference["cell_centers"].reshape(-1, 3)
 
 
-@pytest.mark.parametrize("name", sorted(CASES))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if "_d3_" in name else []) for name in sorted(CASES)]
+)
 def test_sionna_rm_ssc(name: str, device: str) -> None:
     """Block means of 10 m x 10 m against Sionna's map of 2e7 rays.
 
-    Each block is within one standard deviation of what two maps of independent rays would differ by (`poisson` for both
-    ray counts, |E|^2 <= 1.5 of the dipole, cos(theta) of the direct ray); lattices differ by less. The largest seen is
-    0.73 of it. Sums over the map hardly have noise: that of all power, and that of what only reflections bring (depth 3
-    less depth 0, a quarter to a half of all).
+    Of Sionna's rays each block has a noise: `noise` is the standard deviation that independent rays would give, with
+    |E|^2 <= 1.5 of the dipole and cos(theta) of the direct ray. Our map has none, but points miss where in a cell a
+    shadow ends: a row of points is 1/25 of a block, and the shadows of walls run along rows, so that a block may be off
+    by some rows of its brightest cell. Over the whole map that averages out, and so does noise: sums of all power, and
+    of what only reflections bring (depth 3 less depth 0, a quarter to a half of all), agree within 0.05 dB.
     """
     result, expected, centers = sionna_map(name, device)
     gain, surface = result.path_gain, result.surface
     np.testing.assert_allclose(surface.center, centers)
     assert ((gain > 0) != (expected > 0)).mean() < 0.02  # coverage: the edges of shadows take more rays
-    assert 10 * np.log10(gain.sum(axis=1) / expected.sum(axis=1)) == pytest.approx([0, 0], abs=0.01)
+    assert 10 * np.log10(gain.sum(axis=1) / expected.sum(axis=1)) == pytest.approx([0, 0], abs=0.05)
 
     def blocks(values: np.ndarray) -> np.ndarray:
         return values.reshape(-1, 10, 5, 16, 5).mean(axis=(2, 4))
@@ -84,12 +88,13 @@ def test_sionna_rm_ssc(name: str, device: str) -> None:
     slope = blocks(np.abs(ray[..., 2]) / np.linalg.norm(ray, axis=2))
     wavelength, theirs = SPEED_OF_LIGHT / result.config.carrier_hz, CASES[name]["config"]["solver"]["samples_per_tx"]
     share = (wavelength / (4 * np.pi)) ** 2 * 4 * np.pi / (25 * surface.area[0]) * 1.5 / slope
-    noise = np.sqrt(share * blocks(expected) * (1 / result.config.samples_per_tx + 1 / theirs))
-    assert (np.abs(blocks(gain) - blocks(expected)) <= noise).all()
-    if result.config.max_depth:
+    noise = np.sqrt(share * blocks(expected) / theirs)
+    largest = expected.reshape(-1, 10, 5, 16, 5).max(axis=(2, 4))
+    assert (np.abs(blocks(gain) - blocks(expected)) <= noise + 3.0 / 25.0 * largest).all()
+    if result.config.channel.max_depth:
         direct, expected_direct, _ = sionna_map(name.replace("_d3_", "_d0_"), device)
         reflected = (gain - direct.path_gain).sum(axis=1) / (expected - expected_direct).sum(axis=1)
-        assert 10 * np.log10(reflected) == pytest.approx([0, 0], abs=0.01)
+        assert 10 * np.log10(reflected) == pytest.approx([0, 0], abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -124,9 +129,7 @@ def test_free_space_plane(pattern: str, polarization: str, model: str, device: s
         total = np.einsum("psx,se,pe->px", field, precoding.reshape(-1, 4), phase)
         return UNIT * (np.abs(total) ** 2).sum(axis=1) / r**2
 
-    expected = cell_mean(surface, gain)
-    r = np.linalg.norm(surface.center - tx.position, axis=1)
-    check(result, expected, most=expected * r**2 / UNIT / (8.5 / r))
+    check(result, cell_mean(surface, gain))
 
 
 @pytest.mark.parametrize(("polarization", "thickness"), [("V", 0.0), ("H", 0.0), ("V", 0.03), ("H", 10.0)])
@@ -135,7 +138,7 @@ def test_two_rays_over_ground(polarization: str, thickness: float, device: str) 
     ground = constant("ground", 2.5, 0.03 if thickness < 1 else 1e-3, thickness, scattering=0.4)
     arrays = arrays_from_parts([ground_part(half=300.0, material="ground")], materials={"ground": ground})
     tx, surface = isotropic([0, 0, 6], polarization=polarization), plane_grid((20.0, 0.0, 3.0), (60.0, 20.0), 2.0)
-    result = trace(arrays, device, tx, surface, max_depth=3, samples_per_tx=1_000_000)
+    result = trace(arrays, device, tx, surface, max_depth=3)
     eta = 2.5 - 1j * ground.radio.conductivity / (2 * np.pi * CARRIER * VACUUM_PERMITTIVITY)
 
     def gain(point: np.ndarray) -> np.ndarray:
@@ -144,16 +147,16 @@ def test_two_rays_over_ground(polarization: str, thickness: float, device: str) 
         reflection = coefficients(eta, 9.0 / np.sqrt(image), thickness)[polarization][0]
         return UNIT * (1 / direct + (1 - 0.4**2) * np.abs(reflection) ** 2 / image)
 
-    check(result, cell_mean(surface, gain, steps=10), most=20.0)
+    check(result, cell_mean(surface, gain))
 
 
 def test_images_of_a_lossless_room(device: str) -> None:
     """In a closed box of perfect conductor nothing is lost: the map is the sum over all image sources, depth 4."""
     size, place, depth = np.array([10.0, 8.0, 6.0]), np.array([3.0, 5.5, 4.0]), 4
     room = box_part("Buildings/room", size, size / 2, "pec", "building")
-    surface = plane_grid((5.0, 4.0, 1.5), (10.0, 8.0), 0.5)
+    surface = plane_grid((4.93, 3.91, 1.5), (7.7, 5.9), 1.3)  # off the waves that pass a corner within 1 cm
     arrays = arrays_from_parts([room], materials=radio_materials({"pec": RadioMaterial("itu", itu="itu_pec")}))
-    result = trace(arrays, device, isotropic(list(place)), surface, max_depth=depth)
+    result = trace(arrays, device, isotropic(list(place)), surface, max_depth=depth, candidates="exhaustive")
     number = np.array(np.meshgrid(*[np.arange(-depth, depth + 1)] * 3)).reshape(3, -1).T
     number = number[np.abs(number).sum(axis=1) <= depth]
     images = number * size + np.where(number % 2 == 0, place, size - place)
@@ -161,7 +164,7 @@ def test_images_of_a_lossless_room(device: str) -> None:
     def gain(point: np.ndarray) -> np.ndarray:
         return UNIT * (1 / ((point[:, None] - images) ** 2).sum(axis=2)).sum(axis=1)
 
-    check(result, cell_mean(surface, gain), most=30.0)
+    check(result, cell_mean(surface, gain))
     reflected, both = (
         trace(
             arrays, device, isotropic(list(place)), surface, max_depth=3, refraction=refraction, samples_per_tx=20_000
@@ -198,13 +201,13 @@ def test_transmission_and_reflection_of_a_slab(device: str) -> None:
         return UNIT * (share * np.abs(pair["H"][1]) ** 2 + (1 - share) * np.abs(pair["V"][1]) ** 2) / r**2
 
     expected = cell_mean(behind, passed)
-    check(reached[True][0], expected, most=1.3)
+    check(reached[True][0], expected)
 
     def free(point: np.ndarray) -> np.ndarray:
         return UNIT / (point**2).sum(axis=1)
 
     reflected = reached[True][1].path_gain[0] - cell_mean(before, free)
-    assert reflected.sum() == pytest.approx((cell_mean(behind, free) - expected).sum(), rel=0.02)
+    assert reflected.sum() == pytest.approx((cell_mean(behind, free) - expected).sum(), rel=1e-9)
 
 
 def test_vacuum_walls_change_nothing(device: str) -> None:
@@ -215,20 +218,19 @@ def test_vacuum_walls_change_nothing(device: str) -> None:
     surface, tx = plane_grid((4.0, 0.0, -2.0), (20.0, 8.0), 1.0), isotropic([0, 0, 0])
     crossed = trace(arrays, device, tx, surface, max_depth=3, refraction=True).path_gain
     clear = trace(arrays_from_parts([]), device, tx, surface, max_depth=0).path_gain
-    np.testing.assert_allclose(crossed, clear, rtol=0.05, atol=0.01 * clear.max())
-    assert crossed.sum() == pytest.approx(clear.sum(), rel=1e-5)
+    np.testing.assert_allclose(crossed, clear, rtol=1e-9)
     once = trace(arrays, device, tx, surface, max_depth=1, refraction=True).path_gain[0]
     assert (once[surface.center[:, 0] > 5.5] == 0).all()
 
 
-def test_same_bytes_for_every_launch_shape(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_same_bytes_for_every_portion(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
     arrays = arrays_from_parts([ground_part(), wall_part("wall", (-30.0, 20.0), (30.0, 20.0), 10.0)])
     scene = loaded(arrays, device, [0])
     tx, surface = isotropic([0, 0, 5], [9, 3, 4]), plane_grid((0, 0, 1.5), (60, 30), 1.0)
-    config = RadioMapConfig(CARRIER, 50_000, 2, refraction=True)
-    maps = []
-    for count in (2**22, 70_001, 4_096):
-        monkeypatch.setattr("mmw.channel.radio_map.solver.RAYS_AT_ONCE", count)
+    channel = ChannelConfig(carriers_hz=(CARRIER,), samples_per_tx=50_000, max_depth=2, refraction=True)
+    config, maps = RadioMapConfig(channel), []
+    for count in (2**16, 701, 100):
+        monkeypatch.setattr("mmw.channel.radio_map.solver.LINKS_AT_ONCE", count)
         maps.append(solve_radio_map(scene, 0, tx, surface, config, arrays.materials["sunny"]).path_gain)
     assert len({values.tobytes() for values in maps}) == 1
     assert (maps[0] > 0).mean() > 0.9
@@ -241,7 +243,7 @@ def test_a_vehicle_blocks_only_its_own_frame(device: str) -> None:
     arrays = arrays_from_parts([], [box_model("car")], [("car", "vehicle", 0)], poses)
     scene = loaded(arrays, device, [0, 1])
     tx, surface = isotropic([0, 0, 1]), plane_grid((12.0, 0.0, 0.8), (4.0, 2.0), 1.0)
-    config = RadioMapConfig(CARRIER, 400_000, 0)
+    config = RadioMapConfig(ChannelConfig(carriers_hz=(CARRIER,), max_depth=0))
     maps = [
         solve_radio_map(scene, batch_index, tx, surface, config, arrays.materials["sunny"]).path_gain
         for batch_index in (0, 1)
@@ -255,20 +257,32 @@ def test_a_vehicle_blocks_only_its_own_frame(device: str) -> None:
 def test_what_cannot_be_traced_is_named() -> None:
     arrays = arrays_from_parts([ground_part()], actors=[("rsu_1", "rsu", -1)])
     surface = plane_grid((0, 0, 1.5), (4, 4), 1.0)
-    for config, tx, part in (
-        ({"samples_per_tx": 10}, isotropic([0, 0, 5]), "samples_per_tx = 10"),
-        ({"max_depth": 31}, isotropic([0, 0, 5]), "max_depth = 31"),
-        ({"max_depth": 9, "refraction": True}, isotropic([0, 0, 5]), "max_depth = 9"),
-        ({"max_depth": 8, "refraction": True, "samples_per_tx": 2**22}, isotropic([0, 0, 5]), "overflow"),
-        ({"carrier_hz": 500e9}, isotropic([0, 0, 5]), "no permittivity at 500 GHz"),
-        ({"bandwidth_hz": 0.0}, isotropic([0, 0, 5]), "bandwidth_hz = 0"),
-        ({"max_depth": 1.5}, isotropic([0, 0, 5]), "max_depth = 1.5; a whole number"),
-        ({"carrier_hz": np.nan}, isotropic([0, 0, 5]), "carrier_hz = nan"),
+    for config, part in (
+        ({"carriers_hz": (500e9,)}, "no permittivity at 500 GHz"),
+        ({"points_per_cell": 2}, "points_per_cell = 2; the square of a whole number"),
+        ({"points_per_cell": 4.0}, "points_per_cell = 4.0"),
+        ({"points_per_cell": 0}, "points_per_cell = 0"),
     ):
         with pytest.raises(ValueError, match=part):
-            trace(arrays, "cpu", tx, surface, **config)
+            trace(arrays, "cpu", isotropic([0, 0, 5]), surface, **config)
+    scene = loaded(arrays, "cpu", [0])
+    for noise in ({"bandwidth_hz": 0.0}, {"temperature_k": -1.0}):
+        config = RadioMapConfig(ChannelConfig(), **noise)
+        with pytest.raises(ValueError, match=f"{next(iter(noise))} = "):
+            solve_radio_map(scene, 0, isotropic([0, 0, 5]), surface, config, arrays.materials["sunny"])
     with pytest.raises(ValueError, match="role 'cav'"):
         actor_transmitters(arrays, 0, roles=("cav",))
     found = actor_transmitters(arrays, 0, antennas=antenna_at({"rsu": (0.0, 0.0, 3.0)}))
     assert found.names == ("rsu_1",)
     np.testing.assert_allclose(found.position, [[0, 0, 3]])
+
+
+def test_the_field_of_an_array_does_not_depend_on_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+    array, weights = PlanarArray(3, 2, polarization="cross", orientation=(0.2, 0.1, 0.0)), np.exp(1j * np.arange(12))
+    ray = rng.normal(size=(100, 3))
+    ray /= np.linalg.norm(ray, axis=1)[:, None]
+    whole = precoded_field(array, np.eye(3), weights, ray, CARRIER)
+    monkeypatch.setattr("mmw.channel.radio_map.solver.PHASES_AT_ONCE", 60)
+    np.testing.assert_array_equal(precoded_field(array, np.eye(3), weights, ray, CARRIER), whole)
+    assert whole.shape == (100, 2) and np.iscomplexobj(whole)
