@@ -106,7 +106,7 @@ class RadioMapSolver:
                 triangles are the cells; or a `MeasurementSurface`, as of `plane_grid`, `road_grid` and `mesh_surface`.
             cell_size_m: Side of a cell of a plane or of roads [m].
             height_m: z of a plane, or height of cells above their road [m], 1.5 by default; distance of cells from an
-                object along its outward normals [m], 0.02 by default.
+                object along its outward normals [m], 0.01 by default.
             center_m: Middle (x, y) of a plane or of roads [m], or (x, y, z) of a plane; the middle of the transmitters
                 by default.
             size_m: Extent of a plane or of roads [m], shape [2]; the box of the scene by default.
@@ -153,8 +153,8 @@ class RadioMapSolver:
         config = RadioMapConfig(channel, self._points_per_cell, bandwidth_hz, temperature_k)
         on_device = scene.device_scene
         table = scene.cached(
-            ("surfaces", channel.diffraction, channel.finite_surfaces),
-            lambda: make_surface_table(on_device, wedges=channel.diffraction, finite=channel.finite_surfaces),
+            ("surfaces", *channel.surface_options.values()),
+            lambda: make_surface_table(on_device, **channel.surface_options),
         )
         if self._check_places:
             _check_places(scene, transmitters)

@@ -21,7 +21,7 @@ PLANE, ROADS = "plane", "roads"
 HEIGHT_M = 1.5
 """Height of a plane above z = 0 and of cells above their road [m]: an antenna held in a hand. Source: Sionna RT 2.2."""
 
-OBJECT_OFFSET_M = 0.02
+OBJECT_OFFSET_M = 0.01
 """Distance of cells from the object that they are on [m]: a reflection there ends in a segment of that length, and the
 path solver takes none of 0.01 m. Design value."""
 
@@ -49,7 +49,7 @@ def scene_surface(
             no center is given.
         cell_size_m: Side of a cell [m]; an object has a cell for each of its triangles.
         height_m: z of a plane, or height of cells above their road [m], 1.5 by default; distance of cells from an
-            object along its outward normals [m], 0.02 by default.
+            object along its outward normals [m], 0.01 by default.
         center_m: Middle (x, y) [m], or (x, y, z) of a plane, which then needs no height.
         size_m: Extent [m], shape [2]; the box of the scene by default.
         orientation: Plane to world, quaternion (x, y, z, w); level by default.

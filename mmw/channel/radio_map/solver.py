@@ -82,7 +82,7 @@ def solve_radio_map(
     config.check()
     channel = config.channel
     if table is None:
-        table = make_surface_table(scene, wedges=channel.diffraction, finite=channel.finite_surfaces)
+        table = make_surface_table(scene, **channel.surface_options)
     check_channel_materials({"": materials}, table.used_materials, channel)
     log_extrapolations(materials, channel.carriers_hz, table.used_materials)
     points = grid_in_cells(surface, config.points_per_cell)
