@@ -22,8 +22,7 @@ HEIGHT_M = 1.5
 """Height of a plane above z = 0 and of cells above their road [m]: an antenna held in a hand. Source: Sionna RT 2.2."""
 
 OBJECT_OFFSET_M = 0.01
-"""Distance of cells from the object that they are on [m]: a reflection there ends in a segment of that length, and the
-path solver takes none of 0.01 m. Design value."""
+"""Distance of cells from the object that they are on [m]: that of an antenna on its skin. Design value."""
 
 
 def scene_surface(
