@@ -168,6 +168,7 @@ MATERIALS = TableSpec(
         column("alpha_r", I16, "-", "exponent of the lobe around the reflection"),
         column("alpha_i", I16, "-", "exponent of the lobe back to the source"),
         column("lobe_share", F64, "-", "share of the lobe around the reflection, 0 to 1"),
+        column("medium", NAME, "", "what the surface bounds: solid, or foliage, which waves pass with channel.foliage"),
         column("nonvisual_base", NAME, "", "SimReady non-visual base token"),
         column("lidar_reflectance", F64, "-", "diffuse reflectance at 905 nm, 0 to 1"),
         column("color", list_of(F32), "-", "linear diffuse color: red, green, blue, 0 to 1"),

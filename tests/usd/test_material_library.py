@@ -98,7 +98,7 @@ def test_authored_numbers_read_back(tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "one.usda"))
     radio = RadioMaterial(
         "constant", relative_permittivity=4.5, conductivity=0.25, thickness=0.125, scattering=0.5, xpd=0.75,
-        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75,
+        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75, medium="foliage",
     )  # fmt: skip
     material = write_material(stage, "/Slab", MaterialSpec(radio, "plastic", (0.5, 0.25, 0.125), 0.5))
     read = {name: material.GetPrim().GetAttribute(a.name).Get() for name, a in schema.RADIO_ATTRIBUTES.items()}

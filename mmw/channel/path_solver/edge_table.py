@@ -51,7 +51,9 @@ class WedgeTable:
         return len(self.carrier)
 
 
-def make_wedge_table(scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool) -> WedgeTable:
+def make_wedge_table(
+    scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool, town: np.ndarray | None = None
+) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
     Args:
@@ -59,13 +61,15 @@ def make_wedge_table(scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sh
         plane: Plane of every surface of the scene, shape [G].
         enabled: Whether diffraction is wanted.
         sheets: Whether the edges of open sheets are wanted too.
+        town: Faces of the static world that have wedges, shape [M], bool; None for all.
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
     columns = [(len(scene.instance_actor), 0, NO_WEDGES)]
     if enabled:
-        town = find_wedges(arrays.points, arrays.faces, arrays.surface, sheets=sheets)
+        faces = slice(None) if town is None else town
+        of_town = find_wedges(arrays.points, arrays.faces[faces], arrays.surface[faces], sheets=sheets)
         of_model = [find_wedges(model.points, model.faces, model.surface, sheets=sheets) for model in arrays.models]
-        columns.append((len(scene.instance_actor), 0, town))
+        columns.append((len(scene.instance_actor), 0, of_town))
         columns += [(k, int(scene.surface_offset[k]), of_model[arrays.actors[actor].model]) for k, actor in instances]
     vectors = [np.concatenate(values) for values in zip(*(wedges[:5] for _, _, wedges in columns), strict=True)]
     ids = [np.concatenate([wedges[k] + offset for _, offset, wedges in columns]) for k in (5, 6)]

@@ -8,8 +8,10 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
+from mmw.channel.path_solver.foliage import Foliage
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
+from mmw.kernels.core import structs
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
 
@@ -45,6 +47,8 @@ class SurfaceTable:
     """Convex edges between the surfaces; none unless requested."""
     has_wedges: bool
     """True if wedges were requested."""
+    foliage: Foliage | None
+    """Foliage that waves pass; None if it was not requested, and foliage is a solid."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
 
@@ -56,14 +60,21 @@ class SurfaceTable:
         """Material ids that some surface has, sorted."""
         return np.unique(self.material_id)
 
+    def scene_struct(self, scene: DeviceScene) -> structs.Scene:
+        """Return the argument of kernels that trace what stops waves."""
+        return scene.struct if self.foliage is None else self.foliage.scene_without(scene)
 
-def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool = False) -> SurfaceTable:
+
+def make_surface_table(
+    scene: DeviceScene, *, wedges: bool = False, sheets: bool = False, foliage: bool = False
+) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
     Args:
         scene: The scene; nothing of its batch is used.
         wedges: Whether their convex edges are wanted, for diffraction.
         sheets: Whether the edges of open sheets count among them.
+        foliage: Whether waves pass foliage, which has no wedges then.
     """
     arrays = scene.arrays
     town_count = arrays.town_surface_count
@@ -115,7 +126,11 @@ def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool
     }
     table["is_slab"] = _in_any_weather(scene, "thickness")[table["material_id"]]
     table["is_rough"] = _in_any_weather(scene, "scattering")[table["material_id"]]
+    leaves = Foliage(scene, len(row_all)) if foliage else None
     part = np.repeat(np.arange(len(counts)), counts)
+    if leaves is not None:  # no plane has both, and all that scatter with the channel's foliage do
+        part[:town_count][leaves.is_foliage[:town_count]] = len(counts)
+        table["is_rough"] |= leaves.is_foliage
     of_row = group_coplanar(normal, offset, lower, upper, area, part)
     table["plane"] = _planes(of_row[row_all], table["owner"])
     plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
@@ -123,8 +138,11 @@ def make_surface_table(scene: DeviceScene, *, wedges: bool = False, sheets: bool
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
-        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets),
+        wedges=make_wedge_table(
+            scene, table["plane"], enabled=wedges, sheets=sheets, town=None if leaves is None else leaves.solid_faces
+        ),
         has_wedges=wedges,
+        foliage=leaves,
     )
 
 

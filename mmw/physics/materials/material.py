@@ -74,6 +74,8 @@ class RadioMaterial:
     """Share Lambda of the lobe around the reflection in `backscattering`, 0 to 1 [-].
 
     Source of the patterns: Degli-Esposti et al., IEEE Trans. Antennas Propag. 55(1), 2007."""
+    medium: Literal["solid", "foliage"] = "solid"
+    """Medium behind the surface: `solid`, or `foliage`, leaves and twigs, which waves pass with `channel.foliage`."""
     permittivity: PermittivityFunction | None = None
     """Complex relative permittivity as a function of the frequency, for `function`. It is called with one carrier at a
     time. No file holds a function: tables name the model alone."""
@@ -157,6 +159,7 @@ def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
         ("scattering_pattern", is_pattern, f"one of {patterns}"),
         *((name, is_good, f"a whole number from 1 to {MAX_LOBE_EXPONENT}") for name, is_good in is_exponent.items()),
         ("lobe_share", within("lobe_share", 0.0, 1.0), "0 to 1"),
+        ("medium", values["medium"] in ("solid", "foliage"), "solid or foliage"),
         (
             "permittivity",
             callable(function) if is_function else function is None,
