@@ -304,6 +304,17 @@ def test_a_device_inside_a_crown_is_in_the_open_with_the_switch(device: str) -> 
     assert paths.is_los.all() and paths.foliage_db[0, 0] == pytest.approx(weissberger(2.0), rel=0.02)
 
 
+def test_a_medium_that_changes_is_traced_anew(device: str) -> None:
+    arrays = scene([ball("a", (0, 0, 5), 2.0)], (-9, 0, 5), (9, 0, 5))
+    town = mmw.Scene(arrays, {"sunny": mmw.Weather()}, device=device)
+    town.add(mmw.Transmitter("tx", (-9.0, 0.0, 5.0)))
+    town.add(mmw.Receiver("rx", (9.0, 0.0, 5.0)))
+    solver = mmw.PathSolver(max_depth=0, foliage=True)
+    assert len(solver(town)) == 1
+    town.materials["leaf"].set(medium="solid")
+    assert len(solver(town)) == 0
+
+
 def test_both_directions_are_equal(device: str) -> None:
     arrays = oracle.arrays_from_parts(
         [ball("a", (0, 0, 0), 2.0), POST], actors=[("cav_1", "cav", -1), ("cav_2", "cav", -1)],
