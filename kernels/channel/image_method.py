@@ -3,10 +3,13 @@
 import warp as wp
 
 from mmw.kernels.channel.edges import Wedges, edge_point, edge_world, is_outside
+from mmw.kernels.channel.finite_surfaces import Outlines, beside_surface
 from mmw.kernels.channel.segments import (
     DIFFRACTION,
     EDGE_LIFTS,
     END_SLACK,
+    LIFT_SHARE,
+    MIN_PATH_M,
     SPECULAR,
     HitBuffers,
     Segment,
@@ -122,6 +125,7 @@ def find_exact_points(
     candidates: PathCandidates,
     surfaces: Surfaces,
     wedges: Wedges,
+    outlines: Outlines,
     pose: wp.array2d[wp.transformd],
     batch_index: int,
     candidate: int,
@@ -133,8 +137,9 @@ def find_exact_points(
     """Write the exact points of all steps, and return whether there are any.
 
     The mean planes of the surfaces pick surfaces and triangles, without gaps at inner edges; the planes of those
-    triangles then give the points.
+    triangles then give the points. A single finite surface also reflects beside its outline; its path then touches it.
     """
+    is_beside = wp.bool(False)
     for k in range(steps):
         if k != edge:
             surface = candidates.step[candidate, k]
@@ -148,11 +153,18 @@ def find_exact_points(
     while is_valid and step < steps:
         if step != edge:
             if candidates.is_plane:
-                candidates.step[candidate, step] = surface_at(
-                    surfaces, pose, batch_index, candidates.step[candidate, step], candidates.point[candidate, step]
-                )
+                plane_id = candidates.step[candidate, step]
+                found = surface_at(surfaces, pose, batch_index, plane_id, candidates.point[candidate, step])
+                if found < 0 and steps == 1 and outlines.longest_m > wp.float64(0.0):
+                    mean = plane_at(candidates, candidate, step)
+                    touched = beside_surface(outlines, surfaces, pose, batch_index, plane_id, mean, tx, rx)
+                    if touched[3] > wp.float64(0.0):
+                        is_beside = wp.bool(True)
+                        candidates.point[candidate, step] = wp.vec3d(touched[0], touched[1], touched[2])
+                        found = surface_at(surfaces, pose, batch_index, plane_id, candidates.point[candidate, step])
+                candidates.step[candidate, step] = found
             is_valid = candidates.step[candidate, step] >= 0
-            if is_valid:
+            if is_valid and not is_beside:
                 surface = candidates.step[candidate, step]
                 corner = triangle_at(surfaces, pose, batch_index, surface, candidates.point[candidate, step])
                 is_valid = corner >= 0
@@ -161,7 +173,7 @@ def find_exact_points(
                     candidates.normal[candidate, step] = plane.normal
                     candidates.offset[candidate, step] = plane.offset
         step = step + 1
-    if is_valid and steps > 0:
+    if is_valid and steps > 0 and not is_beside:
         is_valid = find_points(candidates, wedges, pose, batch_index, candidate, steps, edge, tx, rx)
     return is_valid
 
@@ -173,6 +185,7 @@ def refine_kernel(
     surfaces: Surfaces,
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
+    outlines: Outlines,
     origin: wp.vec3d,
     candidates: PathCandidates,
     passes: int,
@@ -203,11 +216,12 @@ def refine_kernel(
         steps = steps + 1
     if edge < 0:
         edge = steps
-    if not find_exact_points(candidates, surfaces, wedges, pose, batch_index, candidate, steps, edge, tx, rx):
+    if not find_exact_points(candidates, surfaces, wedges, outlines, pose, batch_index, candidate, steps, edge, tx, rx):
         return
     depth = hits_out.kind.shape[1]
     max_slabs = wp.min(depth - steps, passes)
     filled = wp.int32(0)
+    length = wp.float64(0.0)
     segment = Segment()
     segment.begin = tx
     segment.start = tx
@@ -220,14 +234,15 @@ def refine_kernel(
         segment.own[3] = MISS_ID
         if k < steps:
             segment.end = candidates.point[candidate, k]
-            lift = lift_at(segment.end - origin)
+            after = rx
+            if k + 1 < steps:
+                after = candidates.point[candidate, k + 1]
+            nearest = wp.min(wp.length(segment.end - segment.begin), wp.length(after - segment.end))
+            lift = wp.min(lift_at(segment.end - origin), LIFT_SHARE * nearest)
             if k == edge:
                 wedge = -2 - candidates.step[candidate, k]
                 segment.own[2] = wedges.surface_0[wedge]
                 segment.own[3] = wedges.surface_n[wedge]
-                after = rx
-                if k + 1 < steps:
-                    after = candidates.point[candidate, k + 1]
                 ends_w = edge_world(wedges, pose, batch_index, wedge)
                 if not (is_outside(ends_w, segment.begin) and is_outside(ends_w, after)):
                     return
@@ -238,8 +253,9 @@ def refine_kernel(
                 if wp.dot(away, segment.begin) < candidates.offset[candidate, k]:
                     away = -away
                 segment.stop = segment.end + lift * away
-                if is_covered(scene, batch_index, segment.stop, away, lift, origin, segment.own[2]):
+                if is_covered(scene, surfaces, pose, origin, batch_index, segment, lift * away):
                     return
+        length = length + wp.length(segment.end - segment.begin)
         if k == 0:
             segment.start = segment.start + END_SLACK * (segment.end - segment.start)
         if k == steps:
@@ -261,4 +277,5 @@ def refine_kernel(
         segment.start = segment.stop
         segment.own[0] = segment.own[2]
         segment.own[1] = segment.own[3]
-    order_out[candidate] = filled
+    if length > MIN_PATH_M:
+        order_out[candidate] = filled

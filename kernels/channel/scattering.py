@@ -4,7 +4,7 @@ import warp as wp
 
 from mmw.kernels.channel.segments import (
     END_SLACK,
-    MIN_SEGMENT_M,
+    MIN_PATH_M,
     SPECULAR,
     TRANSMISSION,
     HitBuffers,
@@ -61,7 +61,7 @@ def scatter_kernel(
             plane = plane_at(surfaces, pose, own_batch_index, surface, at)
             along = wp.dot(plane.normal, direction)
             distance = (plane.offset - wp.dot(plane.normal, vertex)) / along
-            is_active = wp.abs(along) > wp.float64(1e-6) and distance > MIN_SEGMENT_M
+            is_active = wp.abs(along) > wp.float64(1e-6) and distance > MIN_PATH_M
             if is_active:
                 normal = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
                 vertex = vertex + distance * direction
@@ -112,7 +112,8 @@ def connect_kernel(
     segment.begin = point[row]
     segment.end = rx
     count_out[row] = -1
-    if wp.dot(normal[row], rx - segment.begin) > wp.float64(0.0):
+    is_far = wp.length(rx - segment.begin) > MIN_PATH_M
+    if is_far and wp.dot(normal[row], rx - segment.begin) > wp.float64(0.0):
         segment.start = segment.begin + lift_at(segment.begin - origin) * normal[row]
         segment.stop = rx + END_SLACK * (segment.begin - rx)
         segment.own = wp.vec4i(surface[row], MISS_ID, MISS_ID, MISS_ID)

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel.surfaces import Surfaces, holds, lift_at, plane_at
+from mmw.kernels.channel.surfaces import Plane, Surfaces, holds, lift_at, mean_plane, plane_at
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import single
 from mmw.kernels.core.structs import MISS_ID, Scene
@@ -17,8 +17,17 @@ TRANSMISSION = wp.constant(4)
 DIFFRACTION = wp.constant(8)
 """Interaction: around a wedge."""
 
-MIN_SEGMENT_M = wp.constant(wp.float64(0.01))
-"""Shortest segment of a path [m]; nearer than this the far field means nothing. Source: Sionna RT 2.2 uses the same."""
+MIN_PATH_M = wp.constant(wp.float64(0.01))
+"""Shortest path, and shortest segment at a rough patch [m]; nearer than this the far field means nothing. Source:
+Sionna RT 2.2, which has it for every segment."""
+MIN_SEGMENT_M = wp.constant(wp.float64(1e-6))
+"""Shortest segment between interactions [m]; the length of the whole path counts for the field. Design value."""
+LIFT_SHARE = wp.constant(wp.float64(0.25))
+"""The lift off a surface is at most this share of the segments that meet there."""
+IN_PLANE_M = wp.constant(wp.float64(1e-9))
+"""An end of a segment this close to a plane lies in it [m]."""
+NEAR_PLANE_M = wp.constant(wp.float64(1e-2))
+"""Farther than this from the mean plane of a surface [m], its triangles need not be looked at."""
 EDGE_LIFTS = wp.constant(wp.float64(4.0))
 """A segment starts off an edge by this many lifts, along the middle of the two outward normals."""
 COVER_SHARE = wp.constant(wp.float64(0.75))
@@ -56,19 +65,57 @@ class Segment:
 
 
 @wp.func
-def is_covered(
-    scene: Scene, batch_index: int, start: wp.vec3d, normal: wp.vec3d, lift: wp.float64, origin: wp.vec3d, surface: int
-) -> bool:
-    """Return whether another surface lies between a point of reflection and `start`, where its segments start."""
-    reach = wp.float32(lift * COVER_SHARE)
-    hit = closest_hit(scene, batch_index, single(start - origin), -single(normal), reach, MISS_ID)
-    return hit.surface != MISS_ID and hit.surface != surface
-
-
-@wp.func
 def is_own(surface: int, own: wp.vec4i) -> bool:
     """Return whether a surface is one of those on which a segment begins or ends."""
     return surface == own[0] or surface == own[1] or surface == own[2] or surface == own[3]
+
+
+@wp.func
+def is_across(plane: Plane, one: wp.vec3d, other: wp.vec3d, margin: wp.float64) -> bool:
+    """Return whether two points lie on different sides of a plane, both farther from it than a margin."""
+    height = wp.dot(plane.normal, one) - plane.offset
+    other_height = wp.dot(plane.normal, other) - plane.offset
+    return height * other_height < wp.float64(0.0) and wp.min(wp.abs(height), wp.abs(other_height)) > margin
+
+
+@wp.func
+def is_covered(
+    scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
+    segment: Segment, lift: wp.vec3d,
+) -> bool:  # fmt: skip
+    """Return whether a surface that a segment crosses lies on the reflecting one, within a lift off where it ends."""
+    start = segment.end + lift
+    height = wp.length(lift)
+    hit = closest_hit(
+        scene, batch_index, single(start - origin), -single(lift / height), wp.float32(height * COVER_SHARE), MISS_ID
+    )
+    is_between = hit.surface != MISS_ID and hit.surface != segment.own[2]
+    if is_between:
+        at = start - (wp.float64(hit.t) / height) * lift
+        plane = plane_at(surfaces, pose, batch_index, hit.surface, at)
+        is_between = is_across(plane, segment.begin, segment.end, IN_PLANE_M)
+    return is_between
+
+
+@wp.func
+def crosses(
+    surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, segment: Segment, surface: int, at: wp.vec3d
+) -> bool:  # fmt: skip
+    """Return whether a segment goes through the plane of a surface near `at`, in float64.
+
+    Rays are rounded to float32: one that runs close to a surface, or ends there, may hit it from the wrong side. An
+    edge counts where the ray leaves it, since it may lie on another surface.
+    """
+    begin = segment.begin
+    end = segment.end
+    if segment.own[1] != MISS_ID:
+        begin = segment.start
+    if segment.own[3] != MISS_ID:
+        end = segment.stop
+    is_through = is_across(mean_plane(surfaces, pose, batch_index, surface), begin, end, NEAR_PLANE_M)
+    if not is_through:
+        is_through = is_across(plane_at(surfaces, pose, batch_index, surface, at), begin, end, IN_PLANE_M)
+    return is_through
 
 
 @wp.func
@@ -99,14 +146,17 @@ def trace_segment(
 ) -> int:  # fmt: skip
     """Trace a segment; write `max_slabs` slabs that it passes through at most; return how many rows are filled, or -1.
 
-    The surfaces of `segment.own`, being flat, cannot obstruct the segment itself. Behind a slab the ray goes on a
+    The surfaces of `segment.own`, being flat, cannot obstruct the segment itself, nor can those that it does not cross.
+    Behind a slab the ray goes on a
     little further along; surfaces in that gap are found by a ray back from there, and those in the slab's own plane by
     their position in that plane.
     """
     span = segment.stop - segment.start
     length = wp.length(span)
-    if not length > MIN_SEGMENT_M:
+    if not wp.length(segment.end - segment.begin) > MIN_SEGMENT_M:
         return -1
+    if not length > MIN_SEGMENT_M:
+        return filled
     unit = span / length
     direction = wp.normalize(single(unit))
     if not occluded(scene, batch_index, single(segment.start - origin), direction, wp.float32(length), MISS_ID):
@@ -128,9 +178,11 @@ def trace_segment(
         position = at + step * unit
         if not is_own(hit.surface, segment.own) and hit.surface != passed:
             passed = hit.surface
-            written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
             plane = surfaces.plane[passed]
-            member = surfaces.first_member[plane]
+            member = surfaces.first_member[plane + 1]
+            if crosses(surfaces, pose, batch_index, segment, passed, at):
+                written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
+                member = surfaces.first_member[plane]
             while written >= 0 and member < surfaces.first_member[plane + 1]:
                 other = surfaces.member[member]
                 if other != passed and not is_own(other, segment.own) and holds(surfaces, pose, batch_index, other, at):
@@ -139,18 +191,9 @@ def trace_segment(
             back = closest_hit(scene, batch_index, single(position - origin), -direction, wp.float32(step), MISS_ID)
             is_hidden = written >= 0 and back.surface != MISS_ID and not is_own(back.surface, segment.own)
             if is_hidden and surfaces.plane[back.surface] != plane:
-                passed = back.surface
-                written = pass_slab(
-                    surfaces,
-                    pose,
-                    batch_index,
-                    segment,
-                    passed,
-                    position - wp.float64(back.t) * unit,
-                    row,
-                    written,
-                    limit,
-                    hits,
-                )
+                at = position - wp.float64(back.t) * unit
+                if crosses(surfaces, pose, batch_index, segment, back.surface, at):
+                    passed = back.surface
+                    written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
         tries_left = tries_left - 1
     return -1

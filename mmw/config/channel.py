@@ -1,7 +1,7 @@
 """`channel`: the radio links and how their paths are traced. Defaults are the paper's ray-tracing parameters."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -48,7 +48,23 @@ class ChannelConfig(Sampling):
     refraction: bool = Field(
         default=False, description="straight through slabs, materials with a thickness, on any leg (true or false)"
     )
+    finite_surfaces: bool = Field(
+        default=False,
+        description="reflections weakened, and reaching beyond the edges, as the size of the surface against the "
+        "Fresnel zone demands (true or false)",
+    )
     diffraction: bool = Field(default=False, description="around one convex edge of a path, UTD (true or false)")
+    edge_diffraction: bool = Field(
+        default=False,
+        description="with `diffraction`, around free edges of open sheets too, whose faces then have both sides "
+        "(true or false)",
+    )
+    diffraction_min_bend_rad: float = Field(
+        default=0.05,
+        ge=1e-3,
+        le=1.5,
+        description="edges with a smaller angle between the normals of their faces do not diffract [rad]",
+    )
     diffraction_lit_region: bool = Field(
         default=True, description="diffracted paths also where the source or its reflection is seen (true or false)"
     )
@@ -85,6 +101,17 @@ class ChannelConfig(Sampling):
         return link_ends(self.link_rules, self.antennas, agents)
 
     @property
+    def surface_options(self) -> dict[str, Any]:
+        """Arguments of `make_surface_table`: which edges diffract, and whether surfaces are finite."""
+        return {
+            "wedges": self.diffraction,
+            "sheets": self.edge_diffraction,
+            "min_bend": self.diffraction_min_bend_rad,
+            "finite": self.finite_surfaces,
+            "foliage": self.foliage,
+        }
+
+    @property
     def is_reciprocal(self) -> bool:
         """True if a link and its reverse have one transfer: wedges tell the ends apart, diffuse rays start at one."""
         return not (self.diffraction or self.diffuse_reflection)
@@ -93,7 +120,7 @@ class ChannelConfig(Sampling):
     def _preset_fills_in(self) -> "ChannelConfig":
         for key, value in PHYSICS_PRESETS[self.physics].items():
             if key not in self.model_fields_set:
-                self.__dict__[key] = value  # the section is frozen for all others
+                object.__setattr__(self, key, value)  # the section is frozen for all others
         return self
 
     @field_validator("carriers_hz")

@@ -91,6 +91,8 @@ def _channel_warnings(arrays: SceneData, config: Config) -> Iterator[str]:
             )
     if channel.foliage and not has_foliage:
         yield "channel.foliage finds nothing: no material of the scene has the medium foliage"
+    if channel.edge_diffraction and not channel.diffraction:
+        yield "channel.edge_diffraction finds nothing: channel.diffraction is false"
     switches = ("specular_reflection", "refraction", "diffraction", "diffuse_reflection")
     if channel.max_depth == 0 and any(getattr(channel, name) for name in switches[1:]):
         listed = ", ".join(name for name in switches[1:] if getattr(channel, name))

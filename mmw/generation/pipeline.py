@@ -50,7 +50,7 @@ def make_batch(
     check_mounts(scene, config)
     surfaces = None
     if config.channel.enabled and with_channel:
-        surfaces = make_surface_table(scene, wedges=config.channel.diffraction, foliage=config.channel.foliage)
+        surfaces = make_surface_table(scene, **config.channel.surface_options)
         check_channel_materials(arrays.materials, surfaces.used_materials, config.channel)
     return Batch(config, scenario, arrays, differentiate(arrays.poses, arrays.pose_dt), scene, surfaces, pool, timer)
 

@@ -52,6 +52,8 @@ def found(arrays: SceneData, *changes: str) -> list[str]:
         (SMOOTH, "channel.links=[v2v]", "channel.links has v2v, but the scenario has 1 CAV, 1 RSU: no such link"),
         (ROUGH, "channel={max_depth: 0, diffuse_reflection: true}", "channel.max_depth = 0 leaves the line of sight"),
         (SMOOTH, "channel={los: false, specular_reflection: false}", "los and all interactions are switched off"),
+        (SMOOTH, "channel.edge_diffraction=true", "channel.edge_diffraction finds nothing"),
+        (SMOOTH, "channel={edge_diffraction: true, diffraction: true}", ""),
         (SMOOTH, "channel={enabled: false, diffuse_reflection: true}", ""),
         (SMOOTH, "channel.carriers_hz=[28e9, 4.9e9]", ""),
         (SMOOTH, "channel.carriers_hz=[60e9]", "(itu_brick) at 60 GHz: interpolated between 40 and 110 GHz"),

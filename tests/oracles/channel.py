@@ -24,8 +24,10 @@ from tests.oracles.tracing import OracleScene, oracle_scene, triangle_hits
 SPECULAR, DIFFUSE, TRANSMISSION, DIFFRACTION = 1, 2, 4, 8
 SHIFT_M = 1e-4
 """An answer that changes when the end of a segment, or an edge, is moved by this is in doubt."""
-MIN_SEGMENT_M = 0.01
-"""A segment shorter than this is none."""
+MIN_SEGMENT_M = 1e-5
+"""A segment shorter than this is none: its ends are one point."""
+SURE_SEGMENT_M = 1e-3
+"""A path with a segment shorter than this is in doubt."""
 
 Interactions = tuple[tuple[int, int], ...]
 """(interaction, surface) from transmitter to receiver; of a diffraction, the number of its edge."""
@@ -264,9 +266,9 @@ def _keep(
         at, is_sure = point[row], bool(sure[row])
         margin = [_margin(at[k + 1], scene, own) for k, (kind, own) in enumerate(steps[row]) if kind == SPECULAR]
         segments = np.linalg.norm(np.diff(at, axis=0), axis=1)
-        if min(margin, default=1.0) < -SHIFT_M or segments.min() < MIN_SEGMENT_M - 1e-3:
+        if min(margin, default=1.0) < -SHIFT_M or segments.min() < MIN_SEGMENT_M:
             continue
-        is_sure &= min(margin, default=1.0) > SHIFT_M and bool(segments.min() > MIN_SEGMENT_M + 1e-3)
+        is_sure &= min(margin, default=1.0) > SHIFT_M and bool(segments.min() > SURE_SEGMENT_M)
         on = [{-1}, *({own} if kind == SPECULAR else set(edge.surface) for kind, own in steps[row]), {-1}]
         full, points, normals, is_open = [], [at[0]], [], True
         for k in range(len(at) - 1):

@@ -10,6 +10,7 @@ from mmw.channel.path_solver.search import Search, SortedLinks, Sources
 from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.transfer import to_host
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
+from mmw.kernels.channel.finite_surfaces import cull_finite_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
 from mmw.kernels.channel.reflection_candidates import (
     LINK_BITS,
@@ -39,7 +40,10 @@ def reflected_candidates(
         InputError: If there are too many candidates to try them all, or to hold them.
     """
     for part, begin, is_hit, keys in launches(search, links.sources):
-        yield _single_reflections(search, links, part, begin, is_hit)
+        if search.table.outlines is None:
+            yield _single_reflections(search, links, part, begin, is_hit)
+        else:
+            yield from _finite_reflections(search, links, part, begin, is_hit)
         if keys is not None:
             tree = _build_tree(search, part, keys)
             yield from _reflected(search, links, part, tree)
@@ -76,6 +80,23 @@ def _single_reflections(
     step = np.full((len(at), max(1, search.config.max_depth)), -1, dtype=np.int32)
     step[:, 0] = 8 * group + ((at >> 3) & 7)
     return (begin + 8 * block_of + (at & 7)).astype(np.int32), step, False
+
+
+def _finite_reflections(
+    search: Search, links: SortedLinks, sources: Sources, first_source: int, is_hit: wp.array
+) -> Iterator[Candidates]:
+    """Yield the candidates of one reflection at planes of finite extent."""
+    device, planes = search.scene.device, search.table.plane_count
+    end, at_once = int(sources.first_link[-1]), max(1, 2**26 // max(planes, 1))
+    for begin in range(int(sources.first_link[0]), end, at_once):
+        shape = min(at_once, end - begin), planes
+        is_candidate = wp.empty(shape, dtype=wp.uint8, device=device)
+        inputs = [links.ends, search.table.device, search.outlines, begin, first_source, is_hit]
+        wp.launch(cull_finite_kernel, dim=shape, inputs=inputs, outputs=[is_candidate], device=device)
+        link, plane = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), max(planes, 1))
+        step = np.full((len(link), max(1, search.config.max_depth)), -1, dtype=np.int32)
+        step[:, 0] = plane
+        yield (begin + link).astype(np.int32), step, True
 
 
 def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTree:

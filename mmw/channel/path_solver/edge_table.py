@@ -5,23 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.core.planar_surfaces import weld
+from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, find_contacts, open_sectors
+from mmw.channel.path_solver.mesh_edges import find_edges
+from mmw.kernels.channel.edge_contacts import TOUCH_M
 from mmw.kernels.channel.edges import Wedges
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
 
-MIN_WEDGE_RAD = 0.05
-"""Smallest angle between the normals of a wedge's faces [rad]; flatter edges, as on a rounded bonnet, diffract
-nothing that the facets do not reflect."""
+MIN_BEND_RAD = 0.05
+"""Smallest angle between the normals of a wedge's faces by default [rad]; flatter edges, as on a rounded bonnet,
+diffract nothing that the facets do not reflect."""
 
 NO_WEDGES = (*(np.zeros((0, 3)) for _ in range(5)), *(np.zeros(0, np.int32) for _ in range(2)))
 """Result of `find_wedges` where there are none."""
-
-FOLDED = 1e-3
-"""Faces back to back: the sum of their unit normals is shorter than this, which is the angle between them [rad]."""
-
-SAME_PLACE_M = 1e-3
-"""Pieces of an edge that are closer than this [m] are one edge."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +48,13 @@ class WedgeTable:
 
 
 def make_wedge_table(
-    scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool, town: np.ndarray | None = None
+    scene: DeviceScene,
+    plane: np.ndarray,
+    *,
+    enabled: bool,
+    sheets: bool,
+    min_bend: float,
+    town: np.ndarray | None = None,
 ) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
@@ -61,14 +63,18 @@ def make_wedge_table(
         plane: Plane of every surface of the scene, shape [G].
         enabled: Whether diffraction is wanted.
         sheets: Whether the edges of open sheets are wanted too.
+        min_bend: Smallest angle between the normals of a wedge's faces [rad].
         town: Faces of the static world that have wedges, shape [M], bool; None for all.
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
     columns = [(len(scene.instance_actor), 0, NO_WEDGES)]
     if enabled:
-        faces = slice(None) if town is None else town
-        of_town = find_wedges(arrays.points, arrays.faces[faces], arrays.surface[faces], sheets=sheets)
-        of_model = [find_wedges(model.points, model.faces, model.surface, sheets=sheets) for model in arrays.models]
+        own = slice(None) if town is None else town
+        meshes = [(arrays.points, arrays.faces[own], arrays.surface[own])]
+        meshes += [(model.points, model.faces, model.surface) for model in arrays.models]
+        of_town, *of_model = (
+            find_wedges(*mesh, sheets=sheets, min_bend=min_bend, device=scene.device) for mesh in meshes
+        )
         columns.append((len(scene.instance_actor), 0, of_town))
         columns += [(k, int(scene.surface_offset[k]), of_model[arrays.actors[actor].model]) for k, actor in instances]
     vectors = [np.concatenate(values) for values in zip(*(wedges[:5] for _, _, wedges in columns), strict=True)]
@@ -90,114 +96,66 @@ def make_wedge_table(
 
 
 def find_wedges(
-    points: np.ndarray, faces: np.ndarray, surface: np.ndarray, *, sheets: bool = False
+    points: np.ndarray,
+    faces: np.ndarray,
+    surface: np.ndarray,
+    *,
+    sheets: bool = False,
+    min_bend: float = MIN_BEND_RAD,
+    device: str = "cpu",
 ) -> tuple[np.ndarray, ...]:
-    """Return the convex edges that two flat surfaces of a mesh share, and on request those that one face has alone.
+    """Return the convex edges between flat surfaces of a mesh, and on request the free ones of open sheets.
 
-    Faces are counter-clockwise from outside, so that convex and concave edges can be told apart; an edge between
-    faces that disagree about the outside, or with three faces, is none. Closed bodies whose faces all look inward are
-    turned. Faces back to back, as of a sheet that has both sides, have the edge of a half-plane.
+    Faces are counter-clockwise from outside, so that convex and concave edges can be told apart; an edge between two
+    faces that disagree about the outside is none. Closed bodies whose faces all look inward are turned. Where bodies
+    touch, wedges are those of their union, see `mmw.channel.path_solver.edge_sectors`. Faces back to back, as of a
+    sheet that has both sides, have the edge of a half-plane.
 
     Args:
         points: Vertices [m], shape [N, 3].
         faces: Vertex indices, shape [M, 3].
         surface: Surface of each face, shape [M].
-        sheets: Whether an edge with one face is the edge of an open sheet, with a face on both sides.
+        sheets: Whether bodies that do not close are sheets, each of whose faces has both sides.
+        min_bend: Smallest angle between the normals of a wedge's faces [rad].
+        device: Warp device that looks for faces that touch.
 
     Returns:
         begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
     """
     if len(faces) == 0:
         return NO_WEDGES
-    vertex = weld(points)[faces]
-    edges = vertex[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    face, opposite = np.repeat(np.arange(len(faces)), 3), faces[:, [2, 0, 1]].reshape(-1)
-    is_forward = edges[:, 0] < edges[:, 1]
-    order = np.lexsort((edges.max(axis=1), edges.min(axis=1)))
-    low, high = edges.min(axis=1)[order], edges.max(axis=1)[order]
-    starts = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
-    sizes = np.diff(np.append(starts, len(order)))
-    real = low[starts] != high[starts]
-    corner = points[faces].astype(np.float64)
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    length = norm(normal)
-    normal /= np.where(length > 0.0, length, 1.0)[:, None]
-    is_turned = inside_out(points, faces, face[order], is_forward[order], starts[real], sizes[real])
-    normal[is_turned] *= -1.0
-    pair = starts[(sizes == 2) & real]
-    one, two = order[pair], order[pair + 1]
-    keep = (is_forward[one] != is_forward[two]) & (length[face[one]] > 0.0) & (length[face[two]] > 0.0)
-    one, two = one[keep], two[keep]
-    n0, nn = normal[face[one]], normal[face[two]]
-    is_folded = norm(n0 + nn) < FOLDED
-    depth = dot(n0, points[opposite[two]] - points[edges[one, 0]])
-    is_wedge = (surface[face[one]] != surface[face[two]]) & (dot(n0, nn) < np.cos(MIN_WEDGE_RAD)) & (depth < 0.0)
-    keep = is_wedge | is_folded
-    one, two, n0, nn, is_folded = one[keep], two[keep], n0[keep], nn[keep], is_folded[keep]
+    mesh = find_edges(points, faces)
+    is_sheet = mesh.is_open & sheets
+    one, two = mesh.first, mesh.first + np.where(mesh.size > 1, 1, 0)
+    n0, nn = mesh.normal[mesh.face[one]], mesh.normal[mesh.face[two]]
+    is_folded = norm(n0 + nn) < SAME_SIDE_RAD
+    depth = dot(n0, mesh.points[mesh.opposite[two]] - mesh.points[mesh.vertex[one, 0]])
+    is_convex = (surface[mesh.face[one]] != surface[mesh.face[two]]) & (dot(n0, nn) < np.cos(min_bend)) & (depth < 0.0)
+    has_area = mesh.has_area[mesh.face[one]] & mesh.has_area[mesh.face[two]]
+    is_agreed = (mesh.size == 2) & (mesh.vertex[one, 0] != mesh.vertex[two, 0]) & has_area
+    has_both_sides = is_sheet[mesh.face[one]]
+    is_inner = (mesh.size == 2) & (surface[mesh.face[one]] == surface[mesh.face[two]]) & ~is_folded
+    is_wedge = is_agreed & (is_convex | is_folded) & ~has_both_sides
+    edges = np.flatnonzero(is_wedge | ((mesh.size != 2) | has_both_sides) & ~is_inner)
+    contacts = find_contacts(mesh, edges, device)
+    is_alone = np.bincount(contacts.edge, minlength=len(edges)) == 0
+    free = edges[is_alone & is_wedge[edges]]
+    one, two, n0, nn, is_folded = one[free], two[free], n0[free], nn[free], is_folded[free]
     between = (n0 + nn) / np.where(is_folded, 1.0, norm(n0 + nn))[:, None]
-    away = np.where(is_folded[:, None], _out_of_face(points, edges[one], opposite[one], n0), between)
-    s0, sn = surface[face[one]], surface[face[two]]
+    away = np.where(is_folded[:, None], mesh.out_of_face(one), between)
+    begin, end = (mesh.points[mesh.vertex[one, k]] for k in (0, 1))
+    wedges = (begin, end, n0, nn, away, surface[mesh.face[one]], surface[mesh.face[two]])
+    shared = np.flatnonzero(~is_alone | (mesh.size[edges] > 2) | has_both_sides[edges])
+    if len(shared):
+        joints = open_sectors(mesh, edges[shared], contacts.of(shared), surface, is_sheet, min_bend)
+        wedges = tuple(np.concatenate(values) for values in zip(wedges, joints, strict=True))
+    begin, end, n0, nn, away, s0, sn = wedges
+    if len(begin) == 0:
+        return NO_WEDGES
     swap = s0 > sn
     s0, sn = np.where(swap, sn, s0), np.where(swap, s0, sn)
     n0, nn = np.where(swap[:, None], nn, n0), np.where(swap[:, None], n0, nn)
-    if sheets:
-        open_edge = order[starts[(sizes == 1) & real]]
-        open_edge = open_edge[length[face[open_edge]] > 0.0]
-        own = normal[face[open_edge]]
-        out = _out_of_face(points, edges[open_edge], opposite[open_edge], own)
-        one = np.concatenate([one, open_edge])
-        n0, nn = np.concatenate([n0, own]), np.concatenate([nn, -own])
-        away = np.concatenate([away, out])
-        s0, sn = (np.concatenate([s, surface[face[open_edge]]]) for s in (s0, sn))
-    if len(one) == 0:
-        return NO_WEDGES
-    return _joined(points[edges[one, 0]], points[edges[one, 1]], n0, nn, away, s0, sn)
-
-
-def inside_out(
-    points: np.ndarray, faces: np.ndarray, face: np.ndarray, is_forward: np.ndarray, starts: np.ndarray,
-    sizes: np.ndarray,
-) -> np.ndarray:  # fmt: skip
-    """Return which faces are of a closed body whose faces all look inward, so that its volume is negative, shape [M].
-
-    Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Vertex indices, shape [M, 3].
-        face: Face of each half-edge, those of one edge together, shape [3 M].
-        is_forward: Whether the half-edge runs from its lower to its higher vertex, shape [3 M].
-        starts: First half-edge of each edge, shape [E].
-        sizes: Half-edges of each edge, shape [E].
-
-    Source: volume by the divergence theorem, sum of (p0 - c) . ((p1 - c) x (p2 - c)) / 6 over the faces.
-    """
-    body = np.arange(len(faces))
-    first = starts[sizes >= 2]
-    links = np.stack([face[first], face[first + 1]], axis=1)
-    while True:  # the lowest face of each body spreads over its faces
-        lowest = np.minimum(body[links[:, 0]], body[links[:, 1]])
-        before = body.copy()
-        for side in (0, 1):
-            np.minimum.at(body, links[:, side], lowest)
-        body = body[body]
-        if (body == before).all():
-            break
-    is_seam = sizes == 2
-    is_seam[is_seam] = is_forward[starts[is_seam]] != is_forward[starts[is_seam] + 1]
-    loose = np.bincount(body[face[starts[~is_seam]]], minlength=len(faces))  # open edges, or faces that disagree
-    corner = points[faces].astype(np.float64)
-    corner -= corner[body][:, :1]
-    volume = np.bincount(body, weights=np.einsum("fk,fk->f", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0)
-    size = np.bincount(body, weights=np.linalg.norm(corner, axis=2).max(axis=1) ** 3)
-    is_turned = (loose[: len(volume)] == 0) & (volume < -1e-12 * size)  # a body without thickness has no inside
-    return is_turned[body]
-
-
-def _out_of_face(points: np.ndarray, edge: np.ndarray, opposite: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the unit vector across an edge of a face, in its plane and away from it, shape [E, 3]."""
-    out = np.cross(points[edge[:, 1]] - points[edge[:, 0]], normal)
-    out /= np.maximum(norm(out), 1e-300)[:, None]
-    inward = dot(out, points[opposite] - points[edge[:, 0]]) > 0.0
-    return np.where(inward[:, None], -out, out)
+    return _joined(begin, end, n0, nn, away, s0, sn)
 
 
 def _joined(
@@ -210,17 +168,21 @@ def _joined(
     begin, end = np.where(flip[:, None], end, begin), np.where(flip[:, None], begin, end)
     along = np.where(flip[:, None], -along, along)
     foot = begin - dot(begin, along)[:, None] * along
-    line = np.round(np.concatenate([along * 1e3, foot / SAME_PLACE_M], axis=1)).astype(np.int64)
-    is_sheet = (s0 == sn)[:, None]  # a sheet has many edges, two surfaces have one line in common
+    line = np.round(np.concatenate([along * 1e3, foot / TOUCH_M.value], axis=1)).astype(np.int64)
+    is_sheet = ((s0 == sn) | (norm(n0 + nn) < SAME_SIDE_RAD))[:, None]  # sheets have many edges, others one line
     group = np.unique(np.column_stack([s0, sn, np.where(is_sheet, line, 0)]), axis=0, return_inverse=True)[1]
     group = group.reshape(-1)
     ahead = along[np.unique(group, return_index=True)[1]][group]
     low, high = dot(begin, ahead), dot(end, ahead)
     order = np.lexsort((low, group))
     group, low, high = group[order], low[order], high[order]
-    is_new = np.append(True, (group[1:] != group[:-1]) | (low[1:] > high[:-1] + SAME_PLACE_M))
+    by_high = np.argsort(high, kind="stable")
+    rank = np.empty_like(by_high)
+    rank[by_high] = np.arange(len(by_high))
+    farthest = by_high[np.maximum.accumulate(group * len(rank) + rank) % len(rank)]  # of the pieces so far
+    is_new = np.append(True, (group[1:] != group[:-1]) | (low[1:] > high[farthest[:-1]] + TOUCH_M.value))
     first = np.flatnonzero(is_new)
     last = np.append(first[1:], len(order)) - 1
-    first_piece, last_piece = order[first], order[last]
+    first_piece, last_piece = order[first], order[farthest[last]]
     vectors, ids = ([values[first_piece] for values in columns] for columns in ((n0, nn, away), (s0, sn)))
     return (begin[first_piece], end[last_piece], *vectors, *(values.astype(np.int32) for values in ids))

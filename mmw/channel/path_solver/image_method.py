@@ -18,13 +18,16 @@ from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.interaction import DIFFRACTION
-from mmw.physics.em.vectors import norm
+from mmw.physics.em.vectors import dot, norm
 
 CANDIDATES_AT_ONCE = 2**20
 """Maximum number of candidates that are refined at once, about 400 bytes each at depth 3."""
 
 SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
+
+SAME_NORMAL_COS = 0.995
+"""Coincident surfaces have normals, on either side, with a larger cosine between them: bends below 0.1 rad."""
 
 
 def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPaths:
@@ -49,7 +52,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
             found += _scatter_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     paths = TracedPaths(search.forward.order[paths.link].astype(np.int32), *paths.columns[1:])
-    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
+    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin, is_finite=table.outlines is not None))
 
 
 def _no_paths(depth: int) -> TracedPaths:
@@ -87,7 +90,7 @@ def _without_foliage(table: SurfaceTable, candidates: Iterator[Candidates]) -> I
         if leaves is None:
             yield link, step, is_plane
             continue
-        lead = np.append(table.device.lead.numpy(), -1)
+        lead = np.append(table.lead, -1)
         surface = np.maximum(step, -1)
         keep = ~leaves[lead[surface] if is_plane else surface].any(axis=1)
         yield link[keep], step[keep], is_plane
@@ -195,6 +198,7 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
             table.device,
             table.wedges.device,
             search.pose,
+            search.outlines,
             wp.vec3d(*scene.origin),
             candidates,
             config.max_depth if config.refraction else 0,
@@ -220,7 +224,9 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
     return found
 
 
-def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _deduplicate(
+    found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray, *, is_finite: bool
+) -> np.ndarray:
     """Return the rows to keep, sorted by (link, order, kinds, surfaces).
 
     Of paths of one link with the same interactions in the same places (see `SAME_POINT_M`), the one on the smallest
@@ -250,7 +256,11 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
             break
         one, other = one[near], other[near]
         same = (found.kind[one] == found.kind[other]).all(axis=1)
+        if is_finite:  # paths beside the outlines of two faces may touch both in their common corner
+            same &= (np.nan_to_num(np.abs(dot(found.normal[one], found.normal[other])), nan=1.0) > 0.99).all(axis=1)
         same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
+        is_bent = np.abs(dot(found.normal[one], found.normal[other])) < SAME_NORMAL_COS
+        same &= ~(is_bent & ~is_diffracted[one]).any(axis=1)  # at a corner two surfaces are near each other
         one, other = one[same], other[same]
         is_first = np.where(size[one] == size[other], rank_of[one] < rank_of[other], size[one] < size[other])
         dropped[np.where(is_first, other, one)] = True

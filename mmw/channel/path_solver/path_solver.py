@@ -72,7 +72,10 @@ class PathSolver:
         los: bool = True,
         specular_reflection: bool = True,
         refraction: bool = False,
+        finite_surfaces: bool = False,
         diffraction: bool = False,
+        edge_diffraction: bool = False,
+        diffraction_min_bend_rad: float = 0.05,
         diffraction_lit_region: bool = True,
         diffuse_reflection: bool = False,
         foliage: bool = False,
@@ -90,7 +93,12 @@ class PathSolver:
             los: Find the line of sight.
             specular_reflection: Find mirror reflections.
             refraction: Go straight through slabs, materials with a thickness.
+            finite_surfaces: Weigh reflections by the size of the surface against the Fresnel zone.
             diffraction: Go around one convex edge, by the uniform theory of diffraction.
+            edge_diffraction: With `diffraction`, go around free edges of open sheets too, whose faces then have both
+                sides.
+            diffraction_min_bend_rad: Edges with a smaller angle between the normals of their faces do not diffract
+                [rad].
             diffraction_lit_region: Find diffracted paths also where the source or its reflection is seen.
             diffuse_reflection: Scatter at one rough surface, materials with a scattering coefficient.
             foliage: Weaken waves in crowns of trees, instead of blocking and mirroring them.
@@ -107,7 +115,8 @@ class PathSolver:
         """
         self._config = _channel_config(
             max_depth=max_depth, los=los, specular_reflection=specular_reflection, refraction=refraction,
-            diffraction=diffraction, diffraction_lit_region=diffraction_lit_region,
+            finite_surfaces=finite_surfaces, diffraction=diffraction, edge_diffraction=edge_diffraction,
+            diffraction_min_bend_rad=diffraction_min_bend_rad, diffraction_lit_region=diffraction_lit_region,
             diffuse_reflection=diffuse_reflection, foliage=foliage, candidates=candidates,
             samples_per_tx=samples_per_tx, diffuse_samples=diffuse_samples,
         )  # fmt: skip
@@ -152,8 +161,8 @@ class PathSolver:
         names = [scene.check_weather(name) for name in ([None] if weathers is None else weathers)]
         on_device = scene.device_scene
         table: SurfaceTable = scene.cached(
-            ("surfaces", config.diffraction, config.foliage),
-            lambda: make_surface_table(on_device, wedges=config.diffraction, foliage=config.foliage),
+            ("surfaces", *config.surface_options.values()),
+            lambda: make_surface_table(on_device, **config.surface_options),
         )
         materials = {name: scene.materials_by_id(name) for name in names}
         _check_materials_once(scene, materials, table, config)
@@ -225,7 +234,8 @@ class PathSolver:
             for end in (tx, rx)
             for values in (end.state.position, end.state.rotation, end.state.velocity, end.number)
         )
-        key = (scene.version, scene.frame, is_reciprocal, places)
+        carriers = config.carriers_hz if config.finite_surfaces else ()
+        key = (scene.version, scene.frame, is_reciprocal, places, carriers)
         last: dict[Any, Trace] = scene.cached(("trace", self._geometry), dict)
         if key not in last:
             trace = trace_links(scene.device_scene, links, config, table, is_reciprocal=is_reciprocal)

@@ -9,6 +9,7 @@ from mmw.channel.antennas.link_elements import LinkElements, configured_elements
 from mmw.channel.links import Links
 from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
+from mmw.channel.path_solver.reflected_shares import reflected_shares
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_solver.traced_paths import TracedPaths
@@ -21,8 +22,9 @@ from mmw.core.transforms import rotate
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
 from mmw.physics.em.field import PathGeometry, combine, path_geometry
+from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
 from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
-from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE
+from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.em.path_gain import Interactions, path_transfer
 from mmw.physics.em.scattering import ScatteringPoints
 from mmw.physics.em.vectors import dot, norm
@@ -71,6 +73,8 @@ class Trace:
     """Rows of `links` that were traced, shape [T]."""
     reverse_of: np.ndarray
     """Row of the traced link that each link is the reverse of, -1 for none, shape [L]."""
+    share: np.ndarray | None
+    """Share of the mirror's field that finite surfaces reflect, at every carrier, shape [P, C]; None if infinite."""
 
 
 def trace_links(
@@ -101,6 +105,8 @@ def trace_links(
     is_whole = len(traced) == len(links)
     is_pair = np.zeros(len(traced), dtype=bool)
     is_pair[reverse_of[reverse_of >= 0]] = True
+    if config.finite_surfaces and table.outlines is None:
+        raise ValueError("channel.finite_surfaces: the surface table has no outlines; make it with finite=True")
     search = Search(scene, links if is_whole else links.take(traced), config, table)
     try:
         found = trace_paths(search, None if is_whole else is_pair)
@@ -112,12 +118,18 @@ def trace_links(
         keep[interactions.wedges.path[is_lit(geometry, interactions.wedges)]] = False
         found = found.take(np.nonzero(keep)[0])
         geometry, interactions = _geometry(search, found)
+    share = None
+    if table.outlines is not None:
+        share = reflected_shares(search, found, geometry, table.outlines, config.carriers_hz)
+        keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= WEAKEST_SHARE)
+        found, share = found.take(keep), share[keep]
+        geometry, interactions = _geometry(search, found)
     range_rate = _range_rate(search, found, geometry)
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
         inside = table.foliage.lengths_inside(scene, *ends, found)
-    return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of)
+    return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of, share)
 
 
 def path_gains(
@@ -151,7 +163,7 @@ def path_gains(
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        path_id=_path_ids(links, found),
+        path_id=_path_ids(links, found, table),
         kind=path_kinds(found.kind),
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
@@ -204,7 +216,7 @@ def solve_paths(
     Source: image method with ray-launched candidates; frequencies and angles as in `docs/concepts/channel.md`.
     """
     if table is None:
-        table = make_surface_table(scene, wedges=config.diffraction, foliage=config.foliage)
+        table = make_surface_table(scene, **config.surface_options)
     check_channel_materials(materials, table.used_materials, config)
     trace = trace_links(scene, links, config, table)
     elements = configured_elements(config, links)
@@ -232,8 +244,12 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
     )
 
 
-def _path_ids(links: Links, found: TracedPaths) -> np.ndarray:
+def _path_ids(links: Links, found: TracedPaths, table: SurfaceTable) -> np.ndarray:
+    """Return identifiers that stay as a point of reflection moves on over coplanar surfaces, shape [P]."""
+    is_flat = (found.kind == SPECULAR) | (found.kind == TRANSMISSION)
     surface = found.surface
+    if is_flat.any():
+        surface = np.where(is_flat, table.lead[table.plane[np.where(is_flat, surface, 0)]], surface)
     rough, step = np.nonzero(found.kind == DIFFUSE)
     if len(rough):  # a patch is known by its ray
         surface = surface.copy()
@@ -268,11 +284,13 @@ def _geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, Interac
     solid_angle = np.full(len(path), 4.0 * np.pi / search.config.diffuse_samples)
     rough = ScatteringPoints(path, step, found.normal[path, step], solid_angle, found.ray[path] < -1)
     wedge = found.surface[wedges.path, wedges.step]
-    sides = (table.wedges.surface_0[wedge], table.wedges.surface_n[wedge])
+    sides = np.stack([table.wedges.surface_0[wedge], table.wedges.surface_n[wedge]], axis=1).reshape(-1, 2)
+    outlines = table.outlines
     return geometry, Interactions(
         material_id=_gather(table.material_id, _faces(found, table), found.kind != 0),
         wedges=wedges,
-        wedge_material=np.stack([table.material_id[side] for side in sides], axis=1).reshape(-1, 2),
+        wedge_material=table.material_id[sides],
+        wedge_width=None if outlines is None else outlines.width[outlines.of_plane[table.plane[sides]]],
         rough=rough,
     )
 
@@ -320,6 +338,8 @@ def _gains(
             path_transfer(geometry, interactions, by_id, config.carriers_hz, diffraction_model)
             * remaining[:, :, None, None]
         )
+        if trace.share is not None:
+            transfer[weather] *= trace.share[:, :, None, None]
         columns = [
             combine(rx_field, transfer[weather][:, c], tx_field)[:, 0, 0] for c in range(len(config.carriers_hz))
         ]

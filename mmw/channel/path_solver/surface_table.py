@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.edge_table import WedgeTable, make_wedge_table
+from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.foliage import Foliage
+from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
 from mmw.kernels.core import structs
@@ -47,7 +48,13 @@ class SurfaceTable:
     """Convex edges between the surfaces; none unless requested."""
     has_wedges: bool
     """True if wedges were requested."""
-    foliage: Foliage | None
+    plane: np.ndarray
+    """Plane of every surface, shape [G], int32."""
+    lead: np.ndarray
+    """Largest surface of every plane, shape [K], int32."""
+    outlines: OutlineTable | None = None
+    """Outlines of the planes; None where surfaces reflect as if they were infinite."""
+    foliage: Foliage | None = None
     """Foliage that waves pass; None if it was not requested, and foliage is a solid."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
@@ -66,7 +73,13 @@ class SurfaceTable:
 
 
 def make_surface_table(
-    scene: DeviceScene, *, wedges: bool = False, sheets: bool = False, foliage: bool = False
+    scene: DeviceScene,
+    *,
+    wedges: bool = False,
+    sheets: bool = False,
+    min_bend: float = MIN_BEND_RAD,
+    finite: bool = False,
+    foliage: bool = False,
 ) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
@@ -74,6 +87,8 @@ def make_surface_table(
         scene: The scene; nothing of its batch is used.
         wedges: Whether their convex edges are wanted, for diffraction.
         sheets: Whether the edges of open sheets count among them.
+        min_bend: Smallest angle between the normals of a wedge's faces [rad].
+        finite: Whether the outlines of the surfaces are wanted, for `channel.finite_surfaces`.
         foliage: Whether waves pass foliage, which has no wedges then.
     """
     arrays = scene.arrays
@@ -134,16 +149,35 @@ def make_surface_table(
     of_row = group_coplanar(normal, offset, lower, upper, area, part)
     table["plane"] = _planes(of_row[row_all], table["owner"])
     plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
+    lead = _leads(table["plane"], table["area"])
+    outlines = None
+    if finite:
+        of_plane = of_row[row_all][lead]
+        outlines = make_outline_table(triangle, row_of, of_row, normal, area, of_plane)
     return SurfaceTable(
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
         wedges=make_wedge_table(
-            scene, table["plane"], enabled=wedges, sheets=sheets, town=None if leaves is None else leaves.solid_faces
+            scene,
+            table["plane"],
+            enabled=wedges,
+            sheets=sheets,
+            min_bend=min_bend,
+            town=None if leaves is None else leaves.solid_faces,
         ),
         has_wedges=wedges,
+        plane=table["plane"],
+        lead=lead,
+        outlines=outlines,
         foliage=leaves,
     )
+
+
+def _leads(plane: np.ndarray, area: np.ndarray) -> np.ndarray:
+    """Return the largest surface of each plane, shape [K]."""
+    member = np.lexsort((area, plane))
+    return member[np.searchsorted(plane[member], np.arange(1, int(plane.max(initial=-1)) + 2)) - 1].astype(np.int32)
 
 
 def _planes(group: np.ndarray, owner: np.ndarray) -> np.ndarray:

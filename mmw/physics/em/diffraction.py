@@ -11,6 +11,7 @@ import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.field import PathGeometry, perpendicular
+from mmw.physics.em.finite_surfaces import edge_share
 from mmw.physics.em.fresnel import reflection
 from mmw.physics.em.vectors import dot
 
@@ -90,6 +91,7 @@ def wedge_matrices(
     scattering: np.ndarray,
     carrier_hz: float,
     model: DiffractionModel,
+    width: np.ndarray | None = None,
 ) -> np.ndarray:
     """Return the matrix of each diffraction in the bases of `geometry`, shape [Q, 2, 2], complex128.
 
@@ -97,6 +99,9 @@ def wedge_matrices(
     the whole field continuous across the shadow and reflection boundaries of any material. `sionna`: R_0 (D1 - D4) +
     R_n (D2 - D3) with R_n = -1 where the second face is dark, as Sionna RT 2.2 computes it; it is continuous across the
     shadow boundary only.
+
+    With finite faces, `utd` leaves out what the Kirchhoff integral over a face holds of its edge: the pole of the term
+    at the boundary of reflection, as far as `mmw.physics.em.finite_surfaces.edge_share` says.
 
     Args:
         geometry: The paths.
@@ -106,6 +111,7 @@ def wedge_matrices(
         scattering: Scattering coefficient S of both faces, shape [Q, 2].
         carrier_hz: Carrier frequency [Hz].
         model: Which of the two.
+        width: Smaller extents of both faces [m], shape [Q, 2]; None if they reflect as if they were infinite.
     """
     k_in = geometry.direction[hits.path, hits.step]
     swap, phi_in, phi_out, n = _angles(geometry, hits)
@@ -123,6 +129,13 @@ def wedge_matrices(
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
     d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
     if model == "utd":
+        if width is not None:
+            wide = np.where(swap[:, None], width[:, ::-1], width)
+            far = np.sqrt(2.0 / (np.pi * before * behind / (before + behind)) * 0.5 * wave)  # sqrt(2 / (lambda rho))
+            is_front_0 = (phi_in < np.pi) & (phi_out < np.pi)
+            is_front_n = (n * np.pi - phi_in < np.pi) & (n * np.pi - phi_out < np.pi)
+            d4 = d4 - (scale * _pole(plus, -1.0, n, reach, far * wide[:, 0]) * is_front_0)[:, None, None]
+            d3 = d3 - (scale * _pole(plus, 1.0, n, reach, far * wide[:, 1]) * is_front_n)[:, None, None]
         return r_0 * d4 + r_n * d3 - np.eye(2) * (d1 + d2)
     is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
     r_n = np.where(is_dark, -np.eye(2), r_n)
@@ -160,6 +173,30 @@ def _term(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray) -> np
     limit = np.where(off < 0.0, -1.0, 1.0) * n * np.sqrt(2.0 * np.pi * reach) * np.exp(0.25j * np.pi)
     value = transition(reach * a) / np.tan(np.where(is_boundary, 1.0, off))
     return np.where(is_boundary, limit, value)
+
+
+def _pole(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray, width: np.ndarray) -> np.ndarray:
+    """Return the part of `_term` that the Kirchhoff integral over a face holds, shape [Q].
+
+    It is the pole of the cotangent, n / sin(angle from the boundary / 2), times the transition function: the wave of a
+    straight edge in Fresnel's approximation.
+
+    Args:
+        beta: Sum of the angles of source and observer from the 0-face [rad], shape [Q].
+        sign: 1 for the second face, -1 for the 0-face.
+        n: Open angle over pi, shape [Q].
+        reach: Wave number times the distance parameter, shape [Q].
+        width: Smaller extent of the face, Fresnel coordinate, shape [Q].
+    """
+    turns = np.round((beta + sign * np.pi) / (2.0 * n * np.pi))
+    a = 2.0 * np.cos(0.5 * (2.0 * n * np.pi * turns - beta)) ** 2
+    angle = (np.pi + sign * beta) / (2.0 * n)
+    off = angle - np.pi * np.round(angle / np.pi)
+    is_boundary = np.abs(off) < 1e-9
+    limit = np.where(off < 0.0, -1.0, 1.0) * n * np.sqrt(2.0 * np.pi * reach) * np.exp(0.25j * np.pi)
+    value = transition(reach * a) * n / np.sin(np.where(is_boundary, 1.0, n * off))
+    share = edge_share(np.sqrt(2.0 * reach * a / np.pi), width)
+    return share * np.where(is_boundary, limit, value)
 
 
 def _face(

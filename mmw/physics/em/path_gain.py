@@ -21,6 +21,8 @@ class Interactions:
     """The diffractions among them."""
     wedge_material: np.ndarray
     """Material of both faces of each diffraction, shape [Q, 2]."""
+    wedge_width: np.ndarray | None
+    """Smaller extents of the two faces of each wedge [m], shape [Q, 2]; None if faces reflect as if infinite."""
     rough: ScatteringPoints
     """The diffuse reflections among them."""
 
@@ -71,7 +73,14 @@ def path_transfer(
         if has_wedges:
             faces = interactions.wedge_material
             matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
-                geometry, interactions.wedges, eta[faces], thickness[faces], scattering[faces], carrier, model
+                geometry,
+                interactions.wedges,
+                eta[faces],
+                thickness[faces],
+                scattering[faces],
+                carrier,
+                model,
+                interactions.wedge_width,
             )
         scale = None
         if has_rough:

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import fresnel, hankel2, wofz
 
-from mmw.channel.links import make_links
 from mmw.channel.path_solver.edge_table import find_wedges
-from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -298,10 +296,7 @@ def test_conducting_sheet_against_eigenfunctions(sides: int, source_deg: float, 
     sheet = MeshPart("sheet", corners, faces, "wall", "building")
     rx = (around(NEAR, angle) for angle in angles)
     arrays = oracle.link_scene([sheet], around(FAR, source), *rx, materials=oracle.radio_materials({"wall": CONDUCTOR}))
-    loaded_scene = loaded(arrays, device)
-    table = make_surface_table(loaded_scene, wedges=True, sheets=sides == 1)
-    links = make_links(arrays, [0], DIFFRACTED)
-    paths = solve_paths(loaded_scene, links, DIFFRACTED, arrays.materials, table)
+    _, paths = oracle.solve(arrays, DIFFRACTED.model_copy(update={"edge_diffraction": sides == 1}), device)
     assert max(series_errors(paths, angles, 2.0, source, polarization)) < 0.005
 
 
