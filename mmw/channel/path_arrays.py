@@ -38,8 +38,8 @@ class PathArrays:
     tau: np.ndarray
     """Absolute delay [s], shape [P], float64."""
     a: np.ndarray
-    """Coefficient between the elements of the first polarization of both arrays, air losses included, without the
-    carrier phase, shape [P, C], complex128."""
+    """Coefficient between the elements of the first polarization of both arrays, losses included, without the carrier
+    phase, shape [P, C], complex128."""
     transfer: np.ndarray
     """2x2 polarimetric transfer, shape [P, C, 2, 2], complex128: row = receive, column = transmit component in the
     world's (theta, phi) basis at arrival and departure; no antenna pattern, no carrier phase."""
@@ -77,6 +77,8 @@ class PathArrays:
     """Loss by fog [dB], shape [P, C]."""
     gas_db: np.ndarray
     """Loss by the gases of the air [dB], shape [P, C]."""
+    foliage_db: np.ndarray
+    """Loss by foliage [dB], shape [P, C]."""
 
     @property
     def tx_names(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """Join the tables `path_gains` and `path_geometry` to the view `paths`: in Arrow, and as SQL."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 
 import numpy as np
 import pyarrow as pa
@@ -40,16 +40,16 @@ def join_paths(gains: pa.Table, geometry: pa.Table | None, columns: Sequence[str
     Args:
         gains: Rows of `path_gains`, with the columns of `split_columns`.
         geometry: Rows of `path_geometry`; more than those of the gains do no harm. None if no column needs them.
-        columns: Columns of the view; None for all.
+        columns: Columns of the view; None for all that the tables have, of an older schema fewer.
 
     Raises:
         InputError: If a row of `path_gains` has none in `path_geometry`.
     """
     schema = arrow_schema(PATHS)
     known = {field.name: field.type for field in schema}
-    names = list(columns or schema.names)
     if geometry is None:
-        return gains.select(names)
+        return gains.select(list(columns or gains.column_names))
+    names = list(columns or held_columns({*gains.column_names, *geometry.column_names}))
     place = pa.array(_places(gains, geometry))
     held = set(names) - GAIN_COLUMNS - {DOPPLER} | ({OF_DOPPLER[1]} if DOPPLER in names else set())
     taken = {name: _one_chunk(geometry.column(name)).take(place).cast(known.get(name, F64)) for name in held}
@@ -58,6 +58,11 @@ def join_paths(gains: pa.Table, geometry: pa.Table | None, columns: Sequence[str
     found = [taken[name] if name in taken else gains.column(name) for name in names]
     fields = [(schema if name in taken else gains.schema).field(name) for name in names]
     return pa.Table.from_arrays(found, schema=pa.schema(fields, schema.metadata))
+
+
+def held_columns(of_tables: Container[str]) -> list[str]:
+    """Return the columns of the view that follow from those of its tables, in their order."""
+    return [field.name for field in PATHS.columns if field.name == DOPPLER or field.name in of_tables]
 
 
 def _doppler(range_rate: pa.Array, carrier_hz: pa.ChunkedArray) -> np.ndarray:
@@ -114,16 +119,16 @@ def _numbers(one: pa.ChunkedArray, other: pa.ChunkedArray) -> np.ndarray:
     return np.concatenate([np.zeros(0, dtype=np.int64), *parts]).astype(np.int64)
 
 
-def join_sql(gains: str, geometry: str) -> str:
+def join_sql(gains: str, geometry: str, columns: Sequence[str]) -> str:
     """Return SQL that joins two relations as `join_paths` does.
 
     Args:
         gains: SQL of the rows of `path_gains`.
         geometry: SQL of the rows of `path_geometry`.
+        columns: Columns of the view, `held_columns`.
     """
     doppler = f"-s.range_rate * g.carrier_hz / {SPEED_OF_LIGHT}::DOUBLE AS {DOPPLER}"
-    columns = ", ".join(
-        doppler if field.name == DOPPLER else f'{"g" if field.name in GAIN_COLUMNS else "s"}."{field.name}"'
-        for field in PATHS.columns
+    chosen = ", ".join(
+        doppler if name == DOPPLER else f'{"g" if name in GAIN_COLUMNS else "s"}."{name}"' for name in columns
     )
-    return f"SELECT {columns} FROM {gains} g JOIN {geometry} s USING ({', '.join(PATH_KEY)})"
+    return f"SELECT {chosen} FROM {gains} g JOIN {geometry} s USING ({', '.join(PATH_KEY)})"

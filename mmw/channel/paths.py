@@ -13,8 +13,14 @@ PATH_KINDS = ("los", "specular", "transmission", "diffuse", "diffraction")
 PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFUSE, PATH_DIFFRACTION = range(5)
 """`PathSet.kind`: a path is of the last kind, in this order, that any of its interactions is."""
 
-LOSSES = ("rain_db", "fog_db", "gas_db")
+AIR_LOSSES = ("rain_db", "fog_db", "gas_db")
 """Losses of the air along a path, one table column each."""
+
+LOSSES = (*AIR_LOSSES, "foliage_db")
+"""Losses along a path, one table column each."""
+
+LOS_STATES = ("clear", "foliage", "blocked")
+"""States of the line of sight of a link: it is free, it passes foliage, or there is none."""
 
 
 def path_kinds(interaction: np.ndarray) -> np.ndarray:
@@ -32,7 +38,7 @@ class PathSet:
     A link without any path is there with `count` 0. A path in a null of a pattern is there with gain 0.
 
     The coefficients `a` hold no carrier phase: the complex gain at frequency f is `a exp(-2 pi j f tau)`, and `tau`
-    is absolute (length over the speed of light, float64), so nothing is lost. They hold the losses of the air.
+    is absolute (length over the speed of light, float64), so nothing is lost. They hold the losses of air and foliage.
     """
 
     carriers_hz: np.ndarray
@@ -79,7 +85,7 @@ class PathSet:
     a: dict[str, np.ndarray]
     """Weather -> coefficient F_r^T transfer F_t with the configured antennas, shape [P, C], complex128."""
     loss_db: dict[str, dict[str, np.ndarray]]
-    """Weather -> `rain_db`, `fog_db`, `gas_db` -> loss of the air that `transfer` and `a` hold [dB], shape [P, C]."""
+    """Weather -> name among `LOSSES` -> loss of air or foliage that `transfer` and `a` hold [dB], shape [P, C]."""
 
     def __len__(self) -> int:
         return len(self.link)

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import Links
-from mmw.channel.paths import PATH_KINDS, PATH_LOS, PathSet
+from mmw.channel.paths import LOS_STATES, PATH_KINDS, PATH_LOS, PathSet
 from mmw.scene.table_rows import Columns, choices
 
 
@@ -19,8 +19,10 @@ def link_rows(
     `rx_antenna` count, `kinds` those of `kind`.
     """
     count, carriers = len(links), len(paths.carriers_hz)
-    is_los = np.zeros(count, dtype=bool)
-    is_los[paths.link[paths.kind == PATH_LOS]] = True
+    los_state = np.full(count, LOS_STATES.index("blocked"))
+    sight = np.flatnonzero(paths.kind == PATH_LOS)
+    in_foliage = paths.loss_db[weather]["foliage_db"][sight].any(axis=1)
+    los_state[paths.link[sight]] = np.where(in_foliage, LOS_STATES.index("foliage"), LOS_STATES.index("clear"))
     power = np.abs(paths.a[weather]) ** 2
     doppler = paths.doppler_hz
 
@@ -51,7 +53,8 @@ def link_rows(
         **_carriers(paths, carrier),
         "link": choices(kinds, links.kind[link]),
         "path_count": paths.count[link],
-        "is_los": is_los[link],
+        "is_los": los_state[link] != LOS_STATES.index("blocked"),
+        "los_state": choices(LOS_STATES, los_state[link]),
         "gain_db": optional(10.0 * np.log10(weight)),
         "mean_delay_s": optional(mean_delay),
         "rms_delay_s": optional(rms_delay),

@@ -43,7 +43,8 @@ LINKS = TableSpec(
         *CARRIER,
         column("link", NAME, "", "name of its rule in `channel.links`, such as v2i (from an RSU to a CAV)"),
         column("path_count", I32, "count", "paths found, 0 or more"),
-        column("is_los", pa.bool_(), "", "true if the line of sight is free"),
+        column("is_los", pa.bool_(), "", "true if there is a line of sight: it is free, or passes only foliage"),
+        column("los_state", NAME, "", "clear, foliage (the line of sight passes crowns of trees) or blocked"),
         column("gain_db", F64, "dB", "10 log10 of the sum of |a|^2 over the paths" + NO_PATH, nullable=True),
         column("mean_delay_s", F64, "s", "mean of tau weighted by |a|^2" + NO_PATH, nullable=True),
         column("rms_delay_s", F64, "s", "standard deviation of tau weighted by |a|^2" + NO_PATH, nullable=True),
@@ -94,7 +95,7 @@ TRANSFER = (
 )
 LOSSES = tuple(
     column(f"{name}_db", F32, "dB", f"loss by {word} that a and t hold; 10^(dB/20) times them is without it")
-    for name, word in (("rain", "rain"), ("fog", "fog"), ("gas", "oxygen and water vapor"))
+    for name, word in (("rain", "rain"), ("fog", "fog"), ("gas", "oxygen and water vapor"), ("foliage", "foliage"))
 )
 
 PATH_GEOMETRY = TableSpec(

@@ -75,6 +75,11 @@ class ChannelConfig(Sampling):
     diffuse_samples: int = Field(
         default=1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )
+    foliage: bool = Field(
+        default=False,
+        description="crowns of trees and hedges, materials with the medium foliage, weaken waves and scatter them "
+        "instead of blocking and mirroring them (true or false)",
+    )
 
     @property
     def antenna_names(self) -> tuple[str, ...]:
@@ -103,6 +108,7 @@ class ChannelConfig(Sampling):
             "sheets": self.edge_diffraction,
             "min_bend": self.diffraction_min_bend_rad,
             "finite": self.finite_surfaces,
+            "foliage": self.foliage,
         }
 
     @property

@@ -6,7 +6,9 @@ Physics = Literal["paper", "standard", "full"]
 """`paper`: line of sight and mirror reflections of the first order, as in the Multimodal-Wireless paper. `standard`:
 what a link budget in a street needs. `full`: one more reflection, and diffuse scattering."""
 
-STANDARD: dict[str, Any] = {"max_depth": 2, "refraction": True, "diffraction": True, "finite_surfaces": True}
+STANDARD: dict[str, Any] = {
+    "max_depth": 2, "refraction": True, "diffraction": True, "finite_surfaces": True, "foliage": True,
+}  # fmt: skip
 
 PHYSICS_PRESETS: dict[Physics, dict[str, Any]] = {
     "paper": {},

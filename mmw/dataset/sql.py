@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from mmw.channel.path_view import join_sql
+from mmw.channel.path_view import held_columns, join_sql
+from mmw.channel.tables import PATHS
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.errors import InputError
 from mmw.core.extras import needed_by
@@ -125,21 +126,30 @@ SELECT * EXCLUDE (pair), pair.rx_beam AS rx_beam, pair.tx_beam AS tx_beam, pair.
 """
 """A view with the best pair of beams of every link and carrier; -1, -1 and gain 0 without any path."""
 
+
+def paths_sql(columns: Sequence[str]) -> tuple[str, str]:
+    """Return SQL that makes the view `paths`, and the macro `paths_at(scenario, weather, frame)`, see `frame_macro`.
+
+    Args:
+        columns: Columns of the view.
+    """
+    view = join_sql("path_gains", "path_geometry", columns)
+    of_frame = join_sql(
+        "path_gains_at(in_scenario, in_weather, in_frame)", "path_geometry_at(in_scenario, in_frame)", columns
+    )
+    macro = "CREATE MACRO paths_at(in_scenario, in_weather, in_frame) AS TABLE"
+    return f"CREATE VIEW paths AS {view}", f"{macro} {of_frame}"
+
+
 VIEWS: dict[str, tuple[tuple[str, ...], str]] = {
-    "paths": (("path_gains", "path_geometry"), f"CREATE VIEW paths AS {join_sql('path_gains', 'path_geometry')}"),
+    "paths": (("path_gains", "path_geometry"), paths_sql([field.name for field in PATHS.columns])[0]),
     "link_paths": (("links", "paths"), LINK_PATHS),
     "agent_boxes": (("poses", "boxes"), AGENT_BOXES),
     "sensor_poses": (("poses", "sensors"), SENSOR_POSES),
     "beam_inputs": (("links", "paths", "poses"), BEAM_INPUTS),
     "beams": (("links", "paths", "poses"), BEAMS),
 }
-"""View -> tables and views before it that it needs, and its statement."""
-
-
-PATHS_AT = "CREATE MACRO paths_at(in_scenario, in_weather, in_frame) AS TABLE " + join_sql(
-    "path_gains_at(in_scenario, in_weather, in_frame)", "path_geometry_at(in_scenario, in_frame)"
-)
-"""SQL that makes `paths_at(scenario, weather, frame)`, see `frame_macro`."""
+"""View -> tables and views before it that it needs, and its statement; `paths` of an older schema has fewer columns."""
 
 
 def point_views() -> dict[str, tuple[tuple[str, ...], str]]:
@@ -207,10 +217,18 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
             raise dataset.damage(name, error) from error
         if (spec := dataset.spec(name)).framed:
             connection.execute(frame_macro(name, str(dataset.root), names, by_weather=spec.by_weather))
-    if dataset.views and dataset.filesystem is None:
-        connection.execute(PATHS_AT)
+    made = point_views() | VIEWS
+    if dataset.views:
+        columns = [field.name for field in PATHS.columns]
+        if dataset.info["schema_version"] != SCHEMA_VERSION:
+            tables = [dataset.arrow(table).schema.names for table in ("path_gains", "path_geometry")]
+            columns = held_columns({name for names in tables for name in names})
+        paths, paths_at = paths_sql(columns)
+        made["paths"] = VIEWS["paths"][0], paths
+        if dataset.filesystem is None:
+            connection.execute(paths_at)
     _add_functions(connection, search or BeamSearch())
-    for view, (needed, statement) in (point_views() | VIEWS).items():
+    for view, (needed, statement) in made.items():
         if set(needed) <= {*dataset.tables, *dataset.views}:
             try:
                 connection.execute(statement)

@@ -126,11 +126,13 @@ def read_view(
     names = list(columns or known)
     check_columns(reader.root, view.name, known, [*names, *(["sensor"] if sensor is not None else [])])
     of_gains, of_geometry = split_columns(names)
-    gains = reader.read("path_gains", columns=of_gains, agent=agent, **where)
+    gains = reader.read("path_gains", columns=of_gains if columns else None, agent=agent, **where)
     where.pop("weather", None)
-    geometry = reader.read("path_geometry", columns=of_geometry, agent=agent, **where) if of_geometry else None
+    geometry = None
+    if of_geometry:
+        geometry = reader.read("path_geometry", columns=of_geometry if columns else None, agent=agent, **where)
     try:
-        return join_paths(gains, geometry, names)
+        return join_paths(gains, geometry, columns)
     except InputError as error:
         raise InputError(f"{reader.root}: {error}") from error
 

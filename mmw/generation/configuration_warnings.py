@@ -62,10 +62,15 @@ def _carriers(keys: Iterable[str]) -> str:
     return " or ".join(key.upper() if key in AGENT_ROLES else key for key in sorted(set(keys)))
 
 
-def wedge_warnings(surfaces: SurfaceTable | None) -> Iterator[str]:
-    """Yield a warning if diffraction has no edge; only a scene on a device knows its edges."""
+def surface_warnings(surfaces: SurfaceTable | None) -> Iterator[str]:
+    """Yield warnings if diffraction has no edge, or foliage no volume; only a scene on a device knows them."""
     if surfaces is not None and surfaces.has_wedges and not len(surfaces.wedges):
         yield "channel.diffraction finds nothing: no two surfaces of the scene meet at a convex edge"
+    if surfaces is not None and surfaces.foliage is not None and surfaces.foliage.open_faces:
+        yield (
+            f"channel.foliage: {surfaces.foliage.open_faces} faces of foliage close no volume: waves pass them without "
+            "loss; close their meshes"
+        )
 
 
 def _channel_warnings(arrays: SceneData, config: Config) -> Iterator[str]:
@@ -73,15 +78,19 @@ def _channel_warnings(arrays: SceneData, config: Config) -> Iterator[str]:
     channel = config.channel
     used = np.unique(np.concatenate([arrays.material, *(model.material for model in arrays.models)]))
     radios = [by_id[k].radio for by_id in arrays.materials.values() for k in used.tolist()]
+    has_foliage = channel.foliage and any(radio.medium == "foliage" for radio in radios)  # which scatters
     for switch, field, has, cure in (
         ("diffuse_reflection", "scatters", "a scattering coefficient", "scattering: 0.3"),
         ("refraction", "transmits", "a thickness", "thickness: 0.2"),
     ):
-        if getattr(channel, switch) and not any(getattr(radio, field) for radio in radios):
+        has_any = any(getattr(radio, field) for radio in radios) or (has_foliage and field == "scatters")
+        if getattr(channel, switch) and not has_any:
             yield (
                 f"channel.{switch} finds nothing: no material of the scene has {has}; give one, such as "
                 f"materials={{'label:building': {{{cure}}}}}"
             )
+    if channel.foliage and not has_foliage:
+        yield "channel.foliage finds nothing: no material of the scene has the medium foliage"
     if channel.edge_diffraction and not channel.diffraction:
         yield "channel.edge_diffraction finds nothing: channel.diffraction is false"
     switches = ("specular_reflection", "refraction", "diffraction", "diffuse_reflection")

@@ -18,7 +18,7 @@ from mmw.config import Config, Sampling, ScenarioConfig, SensorConfig
 from mmw.config.sensor_spec import spec_of
 from mmw.core.timing import StageTimer
 from mmw.generation.capture import capture_frames
-from mmw.generation.configuration_warnings import configuration_warnings, wedge_warnings
+from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.pipeline import join_batches, make_batch
 from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.rows import static_rows
@@ -112,7 +112,7 @@ def sample_scenario(
         stage = prepare_scenario(config, scenario, base, Path(folder))
         arrays = read_scenario(config, scenario, stage)
         batch = make_batch(config, scenario, arrays, device, 1, pool, StageTimer())
-        notes = (*configuration_warnings(arrays, config, scenario), *wedge_warnings(batch.surfaces))
+        notes = (*configuration_warnings(arrays, config, scenario), *surface_warnings(batch.surfaces))
         frames = _sample_frames(config, scenario, places)
         traced, shares = _trace(batch, frames)
         static = {

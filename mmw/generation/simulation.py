@@ -21,7 +21,7 @@ from mmw.core.errors import InputError
 from mmw.core.timing import StageTimer
 from mmw.dataset.frame import Frame
 from mmw.dataset.table_reader import MemoryTables
-from mmw.generation.configuration_warnings import configuration_warnings, wedge_warnings
+from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.estimate import check_inputs
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
 from mmw.generation.precompile import compiled_ahead, warm_up
@@ -131,7 +131,7 @@ class Simulation:
             for future in (*kernels, *skies):
                 future.result()
         self._batch = make_batch(config, scenario, arrays, self.device, self._step, pool, StageTimer())
-        _log(wedge_warnings(self._batch.surfaces))
+        _log(surface_warnings(self._batch.surfaces))
         _log(self._batch.texture_notes())
         self.static_tables: Mapping[str, pa.Table] = {
             name: table_from_columns(name, {"scenario": self.scenario, **columns})

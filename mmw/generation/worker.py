@@ -15,7 +15,7 @@ from mmw.core.cuda import retain_memory, use_blocking_sync
 from mmw.core.device import GPU_BYTES_PER_WORKER, machine_kind, start_warp
 from mmw.core.errors import InputError
 from mmw.core.temp_files import Owner
-from mmw.generation.configuration_warnings import configuration_warnings, wedge_warnings
+from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
 from mmw.generation.precompile import compiled_ahead, warm_up
 from mmw.generation.progress import Reporter
@@ -183,7 +183,7 @@ class Worker:
         with timer.stage("scene"):
             max_frames = min(context.config.compute.batch_frames, context.config.output.shard_frames)
             batch = make_batch(context.config, scenario, arrays, self._device, max_frames, self._pool, timer)
-        for line in (*wedge_warnings(batch.surfaces), *batch.texture_notes()):
+        for line in (*surface_warnings(batch.surfaces), *batch.texture_notes()):
             self._reporter.warn_once(line)
         return batch
 

@@ -12,6 +12,7 @@ import warp as wp
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays
 from mmw.kernels.core import line_of_sight as sight
+from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 
 BLOCK_DIM = 64
@@ -35,12 +36,13 @@ class EnclosingQuery:
     ray out crosses its skin once more than it enters. The winding of faces does not matter.
     """
 
-    def __init__(self, scene: DeviceScene, position: np.ndarray):
+    def __init__(self, scene: DeviceScene, position: np.ndarray, struct: "structs.Scene | None" = None):
         """Send the rays.
 
         Args:
             scene: Town and vehicles with a batch loaded; its first frame counts.
             position: World frame [m], shape [N, 3].
+            struct: What the rays meet; the whole scene by default.
         """
         count, device = len(position), scene.device
         points, rays = ((count,), wp.vec3), ((count, RAYS), wp.int32)
@@ -48,7 +50,7 @@ class EnclosingQuery:
         self._out = borrow_arrays(device, rays, rays)
         frame, origin, direction = self._given.host
         frame[...], origin[...], direction[...] = 0, position - scene.origin, _directions()
-        inputs = [scene.struct, *self._given.upload(), REACH_M]
+        inputs = [scene.struct if struct is None else struct, *self._given.upload(), REACH_M]
         shape = (count, RAYS, thread_spread(device, count * RAYS))
         wp.launch(sight.count_hits_kernel, shape, inputs, self._out.arrays, device=device, block_dim=BLOCK_DIM)
 

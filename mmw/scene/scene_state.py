@@ -283,9 +283,9 @@ class SceneState:
             raise InputError(f"object {name!r}: the scene has an actor of this name; choose another")
 
 
-def _kinds(data: SceneData) -> list[list[tuple[bool, bool]]]:
-    """Return which materials are slabs, and which are rough, in each weather; tables of surfaces depend on it."""
-    return [[(m.radio.transmits, m.radio.scatters) for m in own] for own in data.materials.values()]
+def _kinds(data: SceneData) -> list[list[tuple[bool, bool, str]]]:
+    """Return which materials are slabs or rough, and their medium, in each weather; tables of surfaces depend on it."""
+    return [[(m.radio.transmits, m.radio.scatters, m.radio.medium) for m in own] for own in data.materials.values()]
 
 
 def _with_tracks(data: SceneData, frame: int, tracks: Mapping[int, Track]) -> SceneData:

@@ -176,6 +176,7 @@ MATERIALS = TableSpec(
             "layers in front of the substance, outermost first: row and thickness [m]; `constant`, relative "
             "permittivity, conductivity [S/m] and thickness [m]; or `sheet` and its resistance [ohm/square]",
         ),
+        column("medium", NAME, "", "what the surface bounds: solid, or foliage, which waves pass with channel.foliage"),
         column("nonvisual_base", NAME, "", "SimReady non-visual base token"),
         column("lidar_reflectance", F64, "-", "diffuse reflectance at 905 nm, 0 to 1"),
         column("color", list_of(F32), "-", "linear diffuse color: red, green, blue, 0 to 1"),

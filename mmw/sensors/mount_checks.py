@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mmw.channel.path_solver.foliage import foliage_faces
 from mmw.config import Config
 from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.sensor_spec import spec_of
@@ -21,9 +22,11 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         config: Sensors and antennas.
 
     Raises:
-        InputError: With one line for each sensor that is inside something.
+        InputError: With one line for each sensor that is inside something; an antenna may be inside foliage that waves
+            pass.
     """
     arrays, problems = scene.arrays, []
+    passable = np.unique(arrays.object_id[foliage_faces(arrays)]) if config.channel.foliage else ()
     poses = arrays.frame_poses
     for index, actor in enumerate(arrays.actors):
         is_here = np.isfinite(poses[:, index]).all(axis=1)
@@ -45,7 +48,7 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         pose = make_pose(poses[row, index, :3], normalize(poses[row, index, 3:]))
         around = enclosing_objects(scene, transform_points(pose, np.array(list(places.values()))))
         for (name, position), object_id in zip(places.items(), around, strict=True):
-            if object_id >= 0:
+            if object_id >= 0 and not (name in config.channel.antenna_names and object_id in passable):
                 inside = inside_words(arrays, object_id, actor.object_id, arrays.frames[row])
                 problems.append(
                     f"{actor.name}: {name} at {position} m {inside}; "

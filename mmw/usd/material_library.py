@@ -85,6 +85,7 @@ _WINDOW = RadioMaterial("itu", itu="itu_glass", thickness=0.006)
 _CURTAIN_WALL = RadioMaterial("itu", itu="itu_glass", thickness=0.010)
 _CAR_WINDOW = RadioMaterial("itu", itu="itu_glass", thickness=0.005)
 _WOOD = _itu("itu_wood")
+_FOLIAGE = RadioMaterial("itu", itu="itu_wood", medium="foliage")
 _CONCRETE = _itu("itu_concrete")
 _PLASTIC = _constant(2.5, 0.001)
 _SKIN = _itu("itu_skin")
@@ -124,9 +125,9 @@ LIBRARY: dict[str, MaterialSpec] = {
     # Street furniture and plants.
     "metal_pole": MaterialSpec(_METAL, "steel", (0.35, 0.36, 0.37), 0.45, 0.8),
     "wood": MaterialSpec(_WOOD, "wood", (0.30, 0.19, 0.10), 0.75),
-    "foliage": MaterialSpec(_WOOD, "leaf_grass", (0.05, 0.11, 0.025), 0.80),
-    "foliage_light": MaterialSpec(_WOOD, "leaf_grass", (0.07, 0.132, 0.025), 0.80),
-    "foliage_dark": MaterialSpec(_WOOD, "leaf_grass", (0.035, 0.0825, 0.025), 0.80),
+    "foliage": MaterialSpec(_FOLIAGE, "leaf_grass", (0.05, 0.11, 0.025), 0.80),
+    "foliage_light": MaterialSpec(_FOLIAGE, "leaf_grass", (0.07, 0.132, 0.025), 0.80),
+    "foliage_dark": MaterialSpec(_FOLIAGE, "leaf_grass", (0.035, 0.0825, 0.025), 0.80),
     "bark": MaterialSpec(_WOOD, "bark", (0.11, 0.075, 0.05), 0.95),
     "plastic": MaterialSpec(_PLASTIC, "plastic", (0.35, 0.35, 0.36), 0.50),
     "sign_face": MaterialSpec(_METAL, "aluminum", (0.435, 0.323, 0.385), 0.40, attributes=("retroreflective",)),

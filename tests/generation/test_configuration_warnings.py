@@ -7,7 +7,7 @@ import pytest
 
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.config import load_config
-from mmw.generation.configuration_warnings import configuration_warnings, wedge_warnings
+from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
@@ -15,6 +15,7 @@ from tests.fixtures.scenes import arrays_from_parts, ground_part, two_cars
 
 ROUGH = RadioMaterial("itu", "itu_brick", scattering=0.3)
 SLAB = RadioMaterial("itu", "itu_brick", thickness=0.2)
+LEAVES = RadioMaterial("itu", itu="itu_brick", medium="foliage")
 SMOOTH = RadioMaterial("itu", "itu_brick")
 
 
@@ -45,6 +46,9 @@ def found(arrays: SceneData, *changes: str) -> list[str]:
             "channel.refraction finds nothing: no material of the scene has a thick",
         ),
         (SLAB, "channel.refraction=true", ""),
+        (SMOOTH, "channel.foliage=true", "channel.foliage finds nothing: no material of the scene has the medium"),
+        (LEAVES, "channel={foliage: true, diffuse_reflection: true}", ""),
+        (LEAVES, "channel.diffuse_reflection=true", "channel.diffuse_reflection finds nothing"),
         (SMOOTH, "channel.links=[v2v]", "channel.links has v2v, but the scenario has 1 CAV, 1 RSU: no such link"),
         (ROUGH, "channel={max_depth: 0, diffuse_reflection: true}", "channel.max_depth = 0 leaves the line of sight"),
         (SMOOTH, "channel={los: false, specular_reflection: false}", "los and all interactions are switched off"),
@@ -76,6 +80,6 @@ def test_notes_on_the_material_map_are_among_them() -> None:
 )
 def test_diffraction_needs_an_edge(arrays: Callable[[], SceneData], has_wedges: bool) -> None:
     scene = DeviceScene(arrays(), "cpu", 1)
-    lines = list(wedge_warnings(make_surface_table(scene, wedges=True)))
+    lines = list(surface_warnings(make_surface_table(scene, wedges=True)))
     assert [line.split(":")[0] for line in lines] == ([] if has_wedges else ["channel.diffraction finds nothing"])
-    assert list(wedge_warnings(make_surface_table(scene))) == list(wedge_warnings(None)) == []
+    assert list(surface_warnings(make_surface_table(scene))) == list(surface_warnings(None)) == []

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mmw.config import Config, MountConfig
+from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.enclosing_objects import enclosing_objects
 from mmw.scene.scene_data import SceneData
@@ -65,3 +66,19 @@ def test_a_sensor_in_its_own_body_or_a_house_is_refused(device: str) -> None:
     assert "rsu_1: lidar" in second and "Buildings/house (building)" in second and "the unit or its mount" in second
     with pytest.raises(ValueError, match="antenna at"):
         check_mounts(scene, configured([], enabled=True))
+
+
+def test_an_antenna_may_be_inside_foliage_that_waves_pass_and_no_other_sensor(device: str) -> None:
+    crown = box_part("Props/tree", (4.0, 4.0, 4.0), (0.0, 0.0, 6.0), "leaf", "vegetation")
+    leaf = Material("leaf", RadioMaterial("itu", itu="itu_wood", medium="foliage"), "leaf_grass", 0.5, (0.1, 0.2, 0.1))
+    arrays = arrays_from_parts(
+        [ground_part(), crown], (), [("rsu_1", "rsu", -1)], np.array([[pose(0.0, 0.0)]]), materials={"leaf": leaf}
+    )
+    scene, inside = scene_of(arrays, device), {"rsu": MountConfig(position_m=(0, 0, 6.0))}
+    antenna = [{"name": "roof", "on": ["rsu"], "mount": inside}]
+    check_mounts(scene, configured([], enabled=True, antennas=antenna, foliage=True))
+    with pytest.raises(ValueError, match=r"rsu_1: roof at .* is inside .*tree"):
+        check_mounts(scene, configured([], enabled=True, antennas=antenna))
+    lidar = Lidar(on=["rsu"], mount=inside)
+    with pytest.raises(ValueError, match=r"rsu_1: lidar at .* is inside .*tree"):
+        check_mounts(scene, configured([lidar], enabled=True, antennas=antenna, foliage=True))

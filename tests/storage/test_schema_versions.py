@@ -77,6 +77,23 @@ def test_an_older_minor_version_is_read_and_checked(root: Path, monkeypatch: pyt
     assert_no_run(root, version, newer)
 
 
+def test_paths_of_an_older_minor_version_have_fewer_columns(root: Path) -> None:
+    """Datasets of 3.0 have no losses in foliage: the view has its other columns, in Arrow and in SQL."""
+    whole = mmw.open(root).read("paths")
+    make_other(root, "3.0", lambda poses: poses)
+    for path in root.glob("path_gains/**/part-*.parquet"):
+        pq.write_table(pq.ParquetFile(path).read().drop_columns(["foliage_db"]), path)
+    agree(root)
+    data = mmw.open(root)
+    rows = data.read("paths")
+    assert rows.column_names == [name for name in whole.column_names if name != "foliage_db"]
+    assert rows.equals(whole.drop_columns(["foliage_db"]))
+    assert data.connect().sql("SELECT * FROM paths").columns == rows.column_names
+    with pytest.raises(ValueError, match="no column foliage_db"):
+        data.read("paths", columns=["tau_s", "foliage_db"])
+    assert verify(root) == []
+
+
 def test_a_newer_minor_version_is_read(root: Path) -> None:
     version = f"{MAJOR}.{MINOR + 1}"
     make_other(root, version, lambda poses: poses.append_column("scent", pa.array([1.0] * poses.num_rows)))

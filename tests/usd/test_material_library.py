@@ -100,7 +100,7 @@ def test_authored_numbers_read_back(tmp_path):
     stage = Usd.Stage.CreateNew(str(tmp_path / "one.usda"))
     radio = RadioMaterial(
         "constant", relative_permittivity=4.5, conductivity=0.25, thickness=0.125, scattering=0.5, xpd=0.75,
-        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75, rms_height=0.0005,
+        scattering_pattern="backscattering", alpha_r=3, alpha_i=2, lobe_share=0.75, medium="foliage", rms_height=0.0005,
         layers=("itu_glass 0.004", Layer.sheet(5.0), Layer(relative_permittivity=1.5, thickness=0.016)),
     )  # fmt: skip
     material = write_material(stage, "/Slab", MaterialSpec(radio, "plastic", (0.5, 0.25, 0.125), 0.5))

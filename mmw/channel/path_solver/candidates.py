@@ -149,7 +149,7 @@ def launch_rays(
             launch_kernel,
             dim=(len(batch_index), row_count * stride),
             inputs=[
-                scene.struct,
+                table.scene_struct(scene),
                 batch_indices,
                 origins,
                 table.device.plane,

@@ -48,7 +48,13 @@ class WedgeTable:
 
 
 def make_wedge_table(
-    scene: DeviceScene, plane: np.ndarray, *, enabled: bool, sheets: bool, min_bend: float
+    scene: DeviceScene,
+    plane: np.ndarray,
+    *,
+    enabled: bool,
+    sheets: bool,
+    min_bend: float,
+    town: np.ndarray | None = None,
 ) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
@@ -58,15 +64,18 @@ def make_wedge_table(
         enabled: Whether diffraction is wanted.
         sheets: Whether the edges of open sheets are wanted too.
         min_bend: Smallest angle between the normals of a wedge's faces [rad].
+        town: Faces of the static world that have wedges, shape [M], bool; None for all.
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
     columns = [(len(scene.instance_actor), 0, NO_WEDGES)]
     if enabled:
-        town, *of_model = (
-            find_wedges(mesh.points, mesh.faces, mesh.surface, sheets=sheets, min_bend=min_bend, device=scene.device)
-            for mesh in (arrays, *arrays.models)
+        own = slice(None) if town is None else town
+        meshes = [(arrays.points, arrays.faces[own], arrays.surface[own])]
+        meshes += [(model.points, model.faces, model.surface) for model in arrays.models]
+        of_town, *of_model = (
+            find_wedges(*mesh, sheets=sheets, min_bend=min_bend, device=scene.device) for mesh in meshes
         )
-        columns.append((len(scene.instance_actor), 0, town))
+        columns.append((len(scene.instance_actor), 0, of_town))
         columns += [(k, int(scene.surface_offset[k]), of_model[arrays.actors[actor].model]) for k, actor in instances]
     vectors = [np.concatenate(values) for values in zip(*(wedges[:5] for _, _, wedges in columns), strict=True)]
     ids = [np.concatenate([wedges[k] + offset for _, offset, wedges in columns]) for k in (5, 6)]

@@ -9,6 +9,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.scatter_paths import find_patches
 from mmw.channel.path_solver.search import Search
+from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays, padded_count
@@ -43,7 +44,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
     is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
     found = [_no_paths(max(1, config.max_depth))]
     if len(links):
-        for link, step, is_plane in _joined(_candidates(search, is_pair)):
+        for link, step, is_plane in _joined(_without_foliage(table, _candidates(search, is_pair))):
             for begin in range(0, len(link), CANDIDATES_AT_ONCE):
                 part = slice(begin, begin + CANDIDATES_AT_ONCE)
                 found.append(_refine(search, link[part], step[part], is_plane))
@@ -80,6 +81,19 @@ def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
         links, row = backward
         for link, step, is_plane in diffracted_candidates(search, links):
             yield row[link], _reverse(step), is_plane
+
+
+def _without_foliage(table: SurfaceTable, candidates: Iterator[Candidates]) -> Iterator[Candidates]:
+    """Yield the candidates without a mirror of foliage; launched rays find none of them, `exhaustive` does."""
+    leaves = None if table.foliage is None else np.append(table.foliage.is_foliage, False)  # -1 is no step
+    for link, step, is_plane in candidates:
+        if leaves is None:
+            yield link, step, is_plane
+            continue
+        lead = np.append(table.lead, -1)
+        surface = np.maximum(step, -1)
+        keep = ~leaves[lead[surface] if is_plane else surface].any(axis=1)
+        yield link[keep], step[keep], is_plane
 
 
 def _joined(candidates: Iterator[Candidates]) -> Iterator[Candidates]:
@@ -179,7 +193,7 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
         refine_kernel,
         dim=(count, thread_spread(device, count)),
         inputs=[
-            scene.struct,
+            table.scene_struct(scene),
             search.forward.ends,
             table.device,
             table.wedges.device,

@@ -78,6 +78,7 @@ class PathSolver:
         diffraction_min_bend_rad: float = 0.05,
         diffraction_lit_region: bool = True,
         diffuse_reflection: bool = False,
+        foliage: bool = False,
         candidates: Literal["launch", "exhaustive"] = "launch",
         samples_per_tx: int = 1_000_000,
         diffuse_samples: int = 1000,
@@ -100,6 +101,7 @@ class PathSolver:
                 [rad].
             diffraction_lit_region: Find diffracted paths also where the source or its reflection is seen.
             diffuse_reflection: Scatter at one rough surface, materials with a scattering coefficient.
+            foliage: Weaken waves in crowns of trees, instead of blocking and mirroring them.
             candidates: `launch` finds reflecting surfaces by rays, `exhaustive` tries every surface for every link.
             samples_per_tx: Rays of each transmitter, for `launch`.
             diffuse_samples: Rays that look for rough surfaces; each gives at most one path a link.
@@ -115,8 +117,8 @@ class PathSolver:
             max_depth=max_depth, los=los, specular_reflection=specular_reflection, refraction=refraction,
             finite_surfaces=finite_surfaces, diffraction=diffraction, edge_diffraction=edge_diffraction,
             diffraction_min_bend_rad=diffraction_min_bend_rad, diffraction_lit_region=diffraction_lit_region,
-            diffuse_reflection=diffuse_reflection, candidates=candidates, samples_per_tx=samples_per_tx,
-            diffuse_samples=diffuse_samples,
+            diffuse_reflection=diffuse_reflection, foliage=foliage, candidates=candidates,
+            samples_per_tx=samples_per_tx, diffuse_samples=diffuse_samples,
         )  # fmt: skip
         self._synthetic_array, self._air_losses, self._check_places = synthetic_array, air_losses, check_places
         self._geometry = repr(self._config.model_dump(exclude={"carriers_hz", "pattern", "polarization"}))
@@ -165,7 +167,8 @@ class PathSolver:
         materials = {name: scene.materials_by_id(name) for name in names}
         _check_materials_once(scene, materials, table, config)
         tx, rx = (self._ends(scene, kind, config) for kind in ("transmitter", "receiver"))
-        check = PlaceCheck(scene, [("transmitter", tx.devices), ("receiver", rx.devices)] if self._check_places else [])
+        ends = [("transmitter", tx.devices), ("receiver", rx.devices)] if self._check_places else []
+        check = PlaceCheck(scene, ends, table)
         elements = LinkElements(*(_end_elements(own, index) for own, index in _pairs(tx, rx)))
         is_two_way = elements.is_uniform and not set(tx.number.tolist()).isdisjoint(rx.number.tolist())
         trace = self._trace(scene, tx, rx, table, config, is_reciprocal=is_two_way)

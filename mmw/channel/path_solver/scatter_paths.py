@@ -1,16 +1,20 @@
 """Trace diffuse paths: one rough patch a path, with mirrors before or behind it, and slabs anywhere.
 
 Rays of the transmitter reflect from surface to surface; every rough surface that they hit scatters straight to the
-receivers. Rays of the receivers do the same backward, for paths with mirrors behind the patch.
+receivers. Rays of the receivers do the same backward, for paths with mirrors behind the patch. Foliage that waves pass
+scatters where a ray, with its mirrors, meets it first from outside.
 """
 
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
 from mmw.channel.path_solver.traced_paths import TracedPaths, make_hit_buffers
 from mmw.kernels.channel.scattering import connect_kernel, scatter_kernel
+from mmw.kernels.core import structs
 from mmw.physics.em.interaction import DIFFUSE, SPECULAR
+from mmw.physics.em.vectors import dot
 
 HITS_AT_ONCE = 2**24
 """Maximum number of (source, ray, interaction) rows at once, about 60 bytes each."""
@@ -34,10 +38,13 @@ def find_patches(search: Search, links: SortedLinks, *, needs_mirror: bool) -> l
     for begin in range(0, len(links.sources), step):
         part = links.sources.part(begin, min(begin + step, len(links.sources)))
         for passes in range(patterns):
-            hits = _trace_rays(search, part, depth, passes)
-            found.append(
-                _connect_receivers(search, links, part, hits, _select_hits(hits, table.is_rough, passes, needs_mirror))
-            )
+            hits = _trace_rays(search, part, depth, passes, table.scene_struct(search.scene))
+            chosen = _select_hits(hits, table.is_rough, passes, needs_mirror)
+            found.append(_connect_receivers(search, links, part, hits, np.nonzero(chosen)))
+            if table.foliage is not None and table.foliage.is_foliage.any():  # the rays above passed it
+                hits = _trace_rays(search, part, depth, passes, search.scene.struct)
+                chosen = _select_hits(hits, table.is_rough, passes, needs_mirror) & _meets_leaves(hits, table.foliage)
+                found.append(_connect_receivers(search, links, part, hits, np.nonzero(chosen)))
     return found
 
 
@@ -45,7 +52,7 @@ RayHits = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 """Kind, surface [A, R, D], point and normal [A, R, D, 3] of what rays hit; surface -1 behind the last."""
 
 
-def _trace_rays(search: Search, sources: Sources, depth: int, passes: int) -> RayHits:
+def _trace_rays(search: Search, sources: Sources, depth: int, passes: int, struct: structs.Scene) -> RayHits:
     scene, config = search.scene, search.config
     device, shape = scene.device, (len(sources), config.diffuse_samples, depth)
     kind, surface = (wp.zeros(shape, dtype=wp.int32, device=device) for _ in range(2))
@@ -54,7 +61,7 @@ def _trace_rays(search: Search, sources: Sources, depth: int, passes: int) -> Ra
         scatter_kernel,
         dim=shape[:2],
         inputs=[
-            scene.struct,
+            struct,
             search.table.device,
             search.pose,
             wp.vec3d(*scene.origin),
@@ -71,8 +78,8 @@ def _trace_rays(search: Search, sources: Sources, depth: int, passes: int) -> Ra
     return kind.numpy(), surface.numpy(), point.numpy(), normal.numpy()
 
 
-def _select_hits(hits: RayHits, is_rough: np.ndarray, passes: int, needs_mirror: bool) -> tuple[np.ndarray, ...]:
-    """Return source, ray and interaction of the hits that scatter.
+def _select_hits(hits: RayHits, is_rough: np.ndarray, passes: int, needs_mirror: bool) -> np.ndarray:
+    """Return which hits scatter, by source, ray and interaction, shape [A, R, D], bool.
 
     A hit before the last slab of `passes` is hit with fewer slabs too, and counts there.
     """
@@ -83,7 +90,16 @@ def _select_hits(hits: RayHits, is_rough: np.ndarray, passes: int, needs_mirror:
         mirrors = np.cumsum(kind == SPECULAR, axis=2)
         scatters[:, :, 0] = False
         scatters[:, :, 1:] &= mirrors[:, :, :-1] > 0
-    return np.nonzero(scatters)
+    return scatters
+
+
+def _meets_leaves(hits: RayHits, foliage: Foliage) -> np.ndarray:
+    """Return which hits are the first of their ray on foliage, and on its outer side, shape [A, R, D], bool."""
+    surface, normal = hits[1], hits[3]
+    is_leafy = (surface >= 0) & foliage.is_foliage[np.maximum(surface, 0)]
+    is_first = np.cumsum(is_leafy, axis=2) == 1
+    is_outer = dot(normal, foliage.outward[np.maximum(surface, 0)]) >= 0.0
+    return is_leafy & is_first & is_outer
 
 
 def _connect_receivers(
@@ -104,7 +120,7 @@ def _connect_receivers(
         connect_kernel,
         dim=len(row),
         inputs=[
-            scene.struct,
+            search.table.scene_struct(scene),
             links.ends,
             search.table.device,
             search.pose,

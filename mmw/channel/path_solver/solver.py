@@ -13,7 +13,7 @@ from mmw.channel.path_solver.reflected_shares import reflected_shares
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.channel.paths import LOSSES, PathSet, path_ids, path_kinds
+from mmw.channel.paths import AIR_LOSSES, PathSet, path_ids, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
@@ -23,6 +23,7 @@ from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
 from mmw.physics.em.field import PathGeometry, combine, path_geometry
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
+from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
 from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.em.path_gain import Interactions, path_transfer
 from mmw.physics.em.scattering import ScatteringPoints
@@ -64,6 +65,8 @@ class Trace:
     interactions: Interactions
     range_rate: np.ndarray
     """Rate of change of each path's length [m/s], shape [P]."""
+    foliage_m: np.ndarray
+    """Length of each path inside foliage that waves pass [m], shape [P]."""
     links: Links
     """All links, those that are the reverse of a traced one too."""
     traced: np.ndarray
@@ -88,11 +91,14 @@ def trace_links(
 
     Raises:
         InputError: If there are too many candidates.
-        ValueError: If a link's frame is not at its batch index, or the table lacks wedges that diffraction needs.
+        ValueError: If a link's frame is not at its batch index, the table lacks wedges that diffraction needs, or it is
+            of the other choice of foliage.
     """
     scene.check_loaded("link", links.batch_index, links.frame)
     if config.diffraction and not table.has_wedges:
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
+    if config.foliage != (table.foliage is not None):
+        raise ValueError(f"channel.foliage: the surface table is another one; make it with foliage={config.foliage}")
     traced, reverse_of = np.arange(len(links)), np.full(len(links), -1)
     if is_reciprocal and config.is_reciprocal:
         traced, reverse_of = unique_links(links, config)
@@ -119,7 +125,11 @@ def trace_links(
         found, share = found.take(keep), share[keep]
         geometry, interactions = _geometry(search, found)
     range_rate = _range_rate(search, found, geometry)
-    return Trace(search, found, geometry, interactions, range_rate, links, traced, reverse_of, share)
+    inside = np.zeros(len(found))
+    if table.foliage is not None:
+        ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
+        inside = table.foliage.lengths_inside(scene, *ends, found)
+    return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of, share)
 
 
 def path_gains(
@@ -307,18 +317,22 @@ def _gains(
     elements: LinkElements,
     diffraction_model: DiffractionModel,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
-    """Return transfer [P, C, 2, 2], coefficient [P, C] and losses of the air [P, C] of every weather."""
+    """Return transfer [P, C, 2, 2], coefficient [P, C] and losses [P, C] of every weather."""
     links, found, geometry, interactions = trace.search.links, trace.found, trace.geometry, trace.interactions
     rotations = links.tx.rotation, links.rx.rotation
     tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
     tilt = elements.tx.tilt[found.link]
     elevation = np.pi / 2 - geometry.theta_t
     transfer, a, loss_db = {}, {}, {}
+    in_foliage = foliage_loss_db(config.carriers_hz, trace.foliage_m)
     for weather, by_id in materials.items():
+        if trace.search.table.foliage is not None:
+            by_id = with_scattering_foliage(by_id)
         if air is None or weather not in air:
-            loss_db[weather] = {name: np.zeros((len(found), len(config.carriers_hz))) for name in LOSSES}
+            loss_db[weather] = {name: np.zeros((len(found), len(config.carriers_hz))) for name in AIR_LOSSES}
         else:
             loss_db[weather] = path_loss_db(air[weather], config.carriers_hz, geometry.length, elevation, tilt)
+        loss_db[weather] = {**loss_db[weather], "foliage_db": in_foliage}
         remaining = 10.0 ** (-sum(loss_db[weather].values()) / 20.0)
         transfer[weather] = (
             path_transfer(geometry, interactions, by_id, config.carriers_hz, diffraction_model)

@@ -8,9 +8,11 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
+from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
+from mmw.kernels.core import structs
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
 
@@ -52,6 +54,8 @@ class SurfaceTable:
     """Largest surface of every plane, shape [K], int32."""
     outlines: OutlineTable | None = None
     """Outlines of the planes; None where surfaces reflect as if they were infinite."""
+    foliage: Foliage | None = None
+    """Foliage that waves pass; None if it was not requested, and foliage is a solid."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
 
@@ -63,6 +67,10 @@ class SurfaceTable:
         """Material ids that some surface has, sorted."""
         return np.unique(self.material_id)
 
+    def scene_struct(self, scene: DeviceScene) -> structs.Scene:
+        """Return the argument of kernels that trace what stops waves."""
+        return scene.struct if self.foliage is None else self.foliage.scene_without(scene)
+
 
 def make_surface_table(
     scene: DeviceScene,
@@ -71,6 +79,7 @@ def make_surface_table(
     sheets: bool = False,
     min_bend: float = MIN_BEND_RAD,
     finite: bool = False,
+    foliage: bool = False,
 ) -> SurfaceTable:
     """Return the surfaces of a scene; make it once and use it for every batch.
 
@@ -80,6 +89,7 @@ def make_surface_table(
         sheets: Whether the edges of open sheets count among them.
         min_bend: Smallest angle between the normals of a wedge's faces [rad].
         finite: Whether the outlines of the surfaces are wanted, for `channel.finite_surfaces`.
+        foliage: Whether waves pass foliage, which has no wedges then.
     """
     arrays = scene.arrays
     town_count = arrays.town_surface_count
@@ -131,7 +141,11 @@ def make_surface_table(
     }
     table["is_slab"] = _in_any_weather(scene, "transmits")[table["material_id"]]
     table["is_rough"] = _in_any_weather(scene, "scatters")[table["material_id"]]
+    leaves = Foliage(scene, len(row_all)) if foliage else None
     part = np.repeat(np.arange(len(counts)), counts)
+    if leaves is not None:  # no plane has both, and all that scatter with the channel's foliage do
+        part[:town_count][leaves.is_foliage[:town_count]] = len(counts)
+        table["is_rough"] |= leaves.is_foliage
     of_row = group_coplanar(normal, offset, lower, upper, area, part)
     table["plane"] = _planes(of_row[row_all], table["owner"])
     plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
@@ -144,11 +158,19 @@ def make_surface_table(
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
         plane_count=plane_count,
-        wedges=make_wedge_table(scene, table["plane"], enabled=wedges, sheets=sheets, min_bend=min_bend),
+        wedges=make_wedge_table(
+            scene,
+            table["plane"],
+            enabled=wedges,
+            sheets=sheets,
+            min_bend=min_bend,
+            town=None if leaves is None else leaves.solid_faces,
+        ),
         has_wedges=wedges,
         plane=table["plane"],
         lead=lead,
         outlines=outlines,
+        foliage=leaves,
     )
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mmw.channel.paths import LOSSES
 from mmw.channel.tables import LINKS
 from mmw.config import Config
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
@@ -105,7 +106,7 @@ def _choose_frames(config: Config, frames_each: int) -> Iterator[tuple[str, str,
 def check_friis(here: Frame) -> Iterator[Finding]:
     """Yield lines of sight whose transfer or delay is not that of free space, and links that contradict their paths.
 
-    The singular values of the 2x2 transfer, without the losses of the weather, are lambda / (4 pi d).
+    The singular values of the 2x2 transfer, without the losses of weather and foliage, are lambda / (4 pi d).
 
     Source: H. T. Friis, "A note on a simple transmission formula", Proc. IRE 34 (1946).
     """
@@ -126,7 +127,7 @@ def check_friis(here: Frame) -> Iterator[Finding]:
         parts = [complex(row[f"t_{name}_re"], row[f"t_{name}_im"]) for name in ("tt", "tp", "pt", "pp")]
         values = np.linalg.svd(np.array(parts).reshape(2, 2), compute_uv=False)
         free = 20.0 * np.log10(SPEED_OF_LIGHT / carrier / (4.0 * np.pi * distance))
-        lost = row["rain_db"] + row["fog_db"] + row["gas_db"]
+        lost = sum(row.get(name, 0.0) for name in LOSSES)  # before schema 3.1 there is no foliage_db
         with np.errstate(divide="ignore"):
             found = 20.0 * np.log10(values) + lost
         if not np.abs(found - free).max() <= GAIN_DB:
@@ -139,10 +140,21 @@ def check_friis(here: Frame) -> Iterator[Finding]:
                 f"{where}: is_los is {link['is_los']}, but paths {'have' if key in sights else 'lack'} a line of sight"
             )
             yield Finding("sight", _place(here, "links"), text)
+        state = _los_state(sights.get(key))
+        if link.get("los_state", state) != state:
+            text = f"{where}: los_state is {link['los_state']}; its paths say {state}"
+            yield Finding("sight", _place(here, "links"), text)
         total = 10.0 * np.log10(power[key]) if power.get(key) else None
         stored = link["gain_db"]
         if not np.allclose(*np.array([total, stored], float), rtol=0.0, atol=GAIN_DB, equal_nan=True):  # None is NaN
             yield Finding("friis", _place(here, "links"), f"{where}: gain_db is {stored}; its paths sum to {total}")
+
+
+def _los_state(sight: dict[str, Any] | None) -> str:
+    """Return the state of a link from the row of its line of sight, None for no such row."""
+    if sight is None:
+        return "blocked"
+    return "foliage" if sight.get("foliage_db") else "clear"
 
 
 def check_boxes(here: Frame) -> Iterator[Finding]:
@@ -173,8 +185,12 @@ def check_boxes(here: Frame) -> Iterator[Finding]:
 
 
 def judge_lines_of_sight(here: Frame) -> Iterator[tuple[bool, str]]:
-    """Yield, for each link that a depth image or LiDAR of one of its ends can judge, whether `is_los` agrees."""
-    links = {tuple(row[name] for pair in ENDS for name in pair): row["is_los"] for row in here.rows("links")}
+    """Yield, for each link that a depth image or LiDAR of one of its ends can judge, whether `is_los` agrees.
+
+    Lines through foliage are not judged: light and radio waves do not pass it alike.
+    """
+    rows = [row for row in here.rows("links") if row.get("los_state") != "foliage"]
+    links = {tuple(row[name] for pair in ENDS for name in pair): row["is_los"] for row in rows}
     if not links:
         return
     for name, sensor, is_free_in in (*_depth_observers(here), *_lidar_observers(here)):

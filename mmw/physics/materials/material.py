@@ -81,6 +81,8 @@ class RadioMaterial:
     layers: tuple[Layer, ...] = ()
     """Layers in front of the substance, outermost first, each a `Layer` or its text form. The substance itself, of
     `thickness`, is the last one: behind it is air, or with thickness 0 it goes on forever."""
+    medium: Literal["solid", "foliage"] = "solid"
+    """Medium behind the surface: `solid`, or `foliage`, leaves and twigs, which waves pass with `channel.foliage`."""
     permittivity: PermittivityFunction | None = None
     """Complex relative permittivity as a function of the frequency, for `function`. It is called with one carrier at a
     time. No file holds a function: tables name the model alone."""
@@ -183,6 +185,7 @@ def wrong_radio_value(values: Mapping[str, Any]) -> tuple[str, str] | None:
         ("lobe_share", within("lobe_share", 0.0, 1.0), "0 to 1"),
         ("rms_height", within("rms_height", 0.0, math.inf), "at least 0 m"),
         ("layers", not layers_needed, layers_needed),
+        ("medium", values["medium"] in ("solid", "foliage"), "solid or foliage"),
         (
             "permittivity",
             callable(function) if is_function else function is None,

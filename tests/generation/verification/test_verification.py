@@ -247,6 +247,7 @@ def test_what_a_depth_image_says_of_a_line() -> None:
         (lambda root: change(root, "path_geometry", "tau_s", lambda value: 1.0001 * value), "friis"),
         (lambda root: change(root, "links", "gain_db", lambda value: value + 0.01), "friis"),
         (lambda root: change(root, "links", "is_los", lambda value: not value), "sight"),
+        (lambda root: change(root, "links", "los_state", lambda _: "foliage"), "sight"),
         (lambda root: change(root, "boxes", "x", lambda value: value + 1.0), "box"),
         (block_lasers, "sight"),
     ],

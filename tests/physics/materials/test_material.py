@@ -166,7 +166,7 @@ def test_files_hold_numbers_and_names() -> None:
     assert plain_values == {
         "model": "itu", "itu": "itu_glass", "relative_permittivity": 1.0, "conductivity": 0.0, "thickness": 0.01,
         "scattering": 0.3, "xpd": 0.0, "scattering_pattern": "lambertian", "alpha_r": 4, "alpha_i": 4,
-        "lobe_share": 1.0, "rms_height": 0.0, "layers": [],
+        "lobe_share": 1.0, "rms_height": 0.0, "layers": [], "medium": "solid",
     }  # fmt: skip
     own = RadioMaterial("function", permittivity=plain, thickness=0.2, scattering=0.3, scattering_pattern=lambertian)
     assert own.holds_function and not RadioMaterial("itu", itu="itu_glass").holds_function
@@ -176,7 +176,7 @@ def test_files_hold_numbers_and_names() -> None:
     assert {name: rows[name] for name in FILE_FIELDS} == {
         "model": ["function"], "itu": [None], "relative_permittivity": [1.0], "conductivity": [0.0],
         "thickness": [0.2], "scattering": [0.3], "xpd": [0.0], "scattering_pattern": ["function"], "alpha_r": [4],
-        "alpha_i": [4], "lobe_share": [1.0], "rms_height": [0.0], "layers": [[]],
+        "alpha_i": [4], "lobe_share": [1.0], "rms_height": [0.0], "layers": [[]], "medium": ["solid"],
     }  # fmt: skip
 
 
