@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel.path_solver.place_checks import PlaceCheck
-from mmw.channel.path_solver.surface_table import make_surface_table
+from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.radio_ends import RadioEnds
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig, at_carrier, check_points
@@ -157,17 +157,17 @@ class RadioMapSolver:
             lambda: make_surface_table(on_device, **channel.surface_options),
         )
         if self._check_places:
-            _check_places(scene, transmitters)
+            _check_places(scene, transmitters, table)
         air = scene.weathers[weather] if self._air_losses else None
         return solve_radio_map(on_device, 0, transmitters, surface, config, materials, air, table)
 
 
-def _check_places(scene: Scene, transmitters: Transmitters) -> None:
+def _check_places(scene: Scene, transmitters: Transmitters, table: SurfaceTable) -> None:
     """Raise InputError if a transmitter of a scene is inside an object."""
     state = scene.antenna_states(list(scene.transmitters.values()))
     ends = RadioEnds(names=transmitters.names, state=state, arrays=transmitters.arrays)
     try:
-        PlaceCheck(scene, [("transmitter", ends)]).finish()
+        PlaceCheck(scene, [("transmitter", ends)], table).finish()
     except InputError as error:
         raise InputError(str(error).replace("PathSolver(", "RadioMapSolver(")) from None
 

@@ -80,8 +80,12 @@ def test_a_map_is_the_sum_of_the_paths_in_sun_and_rain(options: dict) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [{"max_depth": 2, "refraction": True, "samples_per_tx": 200_000}, {"max_depth": 1, "diffraction": True}],
-    ids=["reflections", "diffraction"],
+    [
+        {"max_depth": 2, "refraction": True, "samples_per_tx": 200_000},
+        {"max_depth": 1, "diffraction": True},
+        {"max_depth": 1, "finite_surfaces": True, "foliage": True, "samples_per_tx": 200_000},
+    ],
+    ids=["reflections", "diffraction", "finite surfaces and foliage"],
 )
 def test_a_map_of_a_town_is_the_sum_of_the_paths(options: dict) -> None:
     scene = mmw.load_scene("town03", weather=["sunny", "rainy"], device="cpu")
