@@ -52,7 +52,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
             found += _scatter_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     paths = TracedPaths(search.forward.order[paths.link].astype(np.int32), *paths.columns[1:])
-    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin, is_finite=table.outlines is not None))
+    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
 
 
 def _no_paths(depth: int) -> TracedPaths:
@@ -224,9 +224,7 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
     return found
 
 
-def _deduplicate(
-    found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray, *, is_finite: bool
-) -> np.ndarray:
+def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the rows to keep, sorted by (link, order, kinds, surfaces).
 
     Of paths of one link with the same interactions in the same places (see `SAME_POINT_M`), the one on the smallest
@@ -256,8 +254,6 @@ def _deduplicate(
             break
         one, other = one[near], other[near]
         same = (found.kind[one] == found.kind[other]).all(axis=1)
-        if is_finite:  # paths beside the outlines of two faces may touch both in their common corner
-            same &= (np.nan_to_num(np.abs(dot(found.normal[one], found.normal[other])), nan=1.0) > 0.99).all(axis=1)
         same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
         is_bent = np.abs(dot(found.normal[one], found.normal[other])) < SAME_NORMAL_COS
         same &= ~(is_bent & ~is_diffracted[one]).any(axis=1)  # at a corner two surfaces are near each other

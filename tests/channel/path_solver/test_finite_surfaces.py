@@ -164,10 +164,20 @@ def _fresnel(half: float) -> complex:
     return np.sqrt(0.5j) * half * (np.exp(-0.5j * np.pi * (half * node) ** 2) * weight).sum()
 
 
-def test_diffracted_paths_are_there_with_finite_faces(device: str) -> None:
-    house = box_part("Buildings/house", (4, 20, 30), (0, 0, 0), "metal", "building")
-    paths = solve([house], (12.0, -20.0, 0.3), [(-10.0, 14.0, 0.5)], device, diffraction=True)
-    assert (paths.interaction[:, 0] == DIFFRACTION).sum() >= 1 and not (paths.kind == 0).any()
+@pytest.mark.parametrize("is_finite", [True, False])
+def test_every_path_is_there_once(is_finite: bool, device: str) -> None:
+    """Reflections before and behind diffraction are found from both ends; no identifier occurs twice in a link."""
+    house, ground = (
+        box_part("Buildings/house", (4, 20, 30), (0, 0, 0), "metal", "building"),
+        plate((-40, 40), (-40, 40)),
+    )
+    rx = [(-10.0, 14.0, 0.5), (-12.0, 16.0, 1.5)]
+    paths = solve(
+        [house, ground], (12.0, -20.0, 1.3), rx, device, diffraction=True, max_depth=2, finite_surfaces=is_finite
+    )
+    both = (paths.interaction == DIFFRACTION).any(axis=1) & (paths.order == 2)
+    assert both.sum() >= 2
+    assert len(np.unique(np.stack([paths.link, paths.path_id]), axis=1).T) == len(paths)
 
 
 def test_outlines_leave_out_inner_edges_and_markings() -> None:
