@@ -1,6 +1,6 @@
 """Hold the propagation paths of a batch: geometry once, gains for every weather and carrier."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -89,6 +89,36 @@ class PathSet:
 
     def __len__(self) -> int:
         return len(self.link)
+
+    def within(self, range_db: float) -> "PathSet":
+        """Return the paths that are not weaker than the strongest of their link by more than a range.
+
+        The strength of a path is the Frobenius norm of its transfer; it stays if it is strong enough at any carrier in
+        any weather, so that all have the same paths.
+
+        Args:
+            range_db: The range [dB].
+        """
+        is_kept = np.zeros(len(self), dtype=bool)
+        for transfer in self.transfer.values():
+            strength = np.linalg.norm(transfer, axis=(2, 3))
+            most = np.zeros((len(self.count), strength.shape[1]))
+            np.maximum.at(most, self.link, strength)
+            is_kept |= (strength >= most[self.link] * 10.0 ** (-range_db / 20.0)).any(axis=1)
+        rows = np.flatnonzero(is_kept)
+        by_path = {
+            field.name: value[rows]
+            for field in fields(self)
+            if field.name not in ("carriers_hz", "count") and isinstance(value := getattr(self, field.name), np.ndarray)
+        }
+        return replace(
+            self,
+            **by_path,
+            count=np.bincount(self.link[rows], minlength=len(self.count)).astype(np.int32),
+            transfer={weather: values[rows] for weather, values in self.transfer.items()},
+            a={weather: values[rows] for weather, values in self.a.items()},
+            loss_db={w: {name: values[rows] for name, values in one.items()} for w, one in self.loss_db.items()},
+        )
 
     @property
     def doppler_hz(self) -> np.ndarray:

@@ -72,6 +72,12 @@ class ChannelConfig(Sampling):
         default=False,
         description="scattering at one rough surface, materials with a scattering coefficient (true or false)",
     )
+    dynamic_range_db: float | None = Field(
+        default=None,
+        gt=0,
+        description="paths that are weaker than the strongest of their link by more than this, at every carrier and in "
+        "every weather, are left out; none by default [dB]",
+    )
     diffuse_samples: int = Field(
         default=1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
     )

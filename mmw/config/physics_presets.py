@@ -8,6 +8,7 @@ what a link budget in a street needs. `full`: one more reflection, and diffuse s
 
 STANDARD: dict[str, Any] = {
     "max_depth": 2, "refraction": True, "diffraction": True, "finite_surfaces": True, "foliage": True,
+    "dynamic_range_db": 40.0,
 }  # fmt: skip
 
 PHYSICS_PRESETS: dict[Physics, dict[str, Any]] = {

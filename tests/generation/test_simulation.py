@@ -34,10 +34,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def every(folder: Path) -> mmw.Dataset:
     """Generate its dataset, its channel with diffraction."""
-    return mmw.generate(folder / "mine.yaml", folder / "d", overrides=[BENT], device="cpu", progress=False)
+    return mmw.generate(folder / "mine.yaml", folder / "d", overrides=BENT, device="cpu", progress=False)
 
 
-BENT = "channel.diffraction=true"
+BENT = ["channel.diffraction=true", "channel.edge_diffraction=true"]  # at the rim of the plate on the body
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_every_table_of_every_sensor_is_that_of_a_dataset(
     every: mmw.Dataset, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, weather: str, launch: int
 ) -> None:
     monkeypatch.setattr("mmw.generation.simulation.FRAMES_PER_LAUNCH", {"cpu": launch})
-    config = mmw.load_config(folder / "mine.yaml", [BENT])
+    config = mmw.load_config(folder / "mine.yaml", BENT)
     with mmw.Simulation(config, weather=weather, base=folder, device="cpu") as simulation:
         frames = list(simulation)
     assert [frame.frame for frame in frames] == list(simulation.frames) == [3, 4]

@@ -82,6 +82,7 @@ class PathSolver:
         candidates: Literal["launch", "exhaustive"] = "launch",
         samples_per_tx: int = 1_000_000,
         diffuse_samples: int = 1000,
+        dynamic_range_db: float | None = None,
         synthetic_array: bool = True,
         air_losses: bool = True,
         check_places: bool = True,
@@ -105,6 +106,8 @@ class PathSolver:
             candidates: `launch` finds reflecting surfaces by rays, `exhaustive` tries every surface for every link.
             samples_per_tx: Rays of each transmitter, for `launch`.
             diffuse_samples: Rays that look for rough surfaces; each gives at most one path a link.
+            dynamic_range_db: Leave out paths that are weaker than the strongest of their link by more than this, at
+                every carrier and in every weather that is asked for [dB]; None keeps all.
             synthetic_array: Trace between phase centers and apply arrays as to plane waves; False traces between all
                 elements, which is exact near an array, at the cost of a link for each pair of them.
             air_losses: Weaken paths by rain, fog and the gases of the air, as the weather says.
@@ -118,7 +121,7 @@ class PathSolver:
             finite_surfaces=finite_surfaces, diffraction=diffraction, edge_diffraction=edge_diffraction,
             diffraction_min_bend_rad=diffraction_min_bend_rad, diffraction_lit_region=diffraction_lit_region,
             diffuse_reflection=diffuse_reflection, foliage=foliage, candidates=candidates,
-            samples_per_tx=samples_per_tx, diffuse_samples=diffuse_samples,
+            samples_per_tx=samples_per_tx, diffuse_samples=diffuse_samples, dynamic_range_db=dynamic_range_db,
         )  # fmt: skip
         self._synthetic_array, self._air_losses, self._check_places = synthetic_array, air_losses, check_places
         self._geometry = repr(self._config.model_dump(exclude={"carriers_hz", "pattern", "polarization"}))

@@ -45,7 +45,9 @@ def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.nd
     return traced, np.where(reverse_of >= 0, number[reverse_of], -1)
 
 
-def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray) -> PathSet:
+def add_reversed_links(
+    paths: PathSet, links: Links, traced: np.ndarray, reverse_of: np.ndarray, wall: np.ndarray
+) -> PathSet:
     """Return the paths of all links from those of the traced ones.
 
     The transfer backward is the transpose, and the coefficient between the same two antennas is the same: mirrors and
@@ -56,6 +58,7 @@ def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse
         links: All links.
         traced: Rows of the traced links, from `unique_links`.
         reverse_of: Row of the traced link that each link is the reverse of, from `unique_links`.
+        wall: Surface that names each surface in identifiers, shape [G].
     """
     backward = np.flatnonzero(reverse_of >= 0)
     begin = np.cumsum(paths.count) - paths.count
@@ -78,7 +81,9 @@ def add_reversed_links(paths: PathSet, links: Links, traced: np.ndarray, reverse
     own = np.concatenate([np.arange(len(paths)), row])
     for name in ("kind", "order", "tau", "range_rate"):
         joined[name] = getattr(paths, name)[own]
-    back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, joined["surface"][len(paths) :])
+    surface = joined["surface"][len(paths) :]
+    named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)
+    back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, named)
     joined["path_id"] = np.concatenate([paths.path_id, back_id])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]

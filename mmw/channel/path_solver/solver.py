@@ -180,7 +180,9 @@ def path_gains(
         a=a,
         loss_db=loss_db,
     )
-    return paths if is_whole else add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of)
+    if config.dynamic_range_db is not None:
+        paths = paths.within(config.dynamic_range_db)
+    return paths if is_whole else add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall)
 
 
 def solve_paths(
@@ -249,7 +251,7 @@ def _path_ids(links: Links, found: TracedPaths, table: SurfaceTable) -> np.ndarr
     is_flat = (found.kind == SPECULAR) | (found.kind == TRANSMISSION)
     surface = found.surface
     if is_flat.any():
-        surface = np.where(is_flat, table.lead[table.plane[np.where(is_flat, surface, 0)]], surface)
+        surface = np.where(is_flat, table.wall[np.where(is_flat, surface, 0)], surface)
     rough, step = np.nonzero(found.kind == DIFFUSE)
     if len(rough):  # a patch is known by its ray
         surface = surface.copy()

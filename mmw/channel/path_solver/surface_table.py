@@ -63,6 +63,11 @@ class SurfaceTable:
         return len(self.owner)
 
     @cached_property
+    def wall(self) -> np.ndarray:
+        """Largest of the surfaces that are coplanar with each, which names all of them in `path_id`, shape [G]."""
+        return self.lead[self.plane]
+
+    @cached_property
     def used_materials(self) -> np.ndarray:
         """Material ids that some surface has, sorted."""
         return np.unique(self.material_id)

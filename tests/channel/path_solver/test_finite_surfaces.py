@@ -11,7 +11,7 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.interaction import DIFFRACTION, SPECULAR
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.scenes import box_part, quad_part
+from tests.fixtures.scenes import arrays_from_parts, box_part, pose, quad_part
 from tests.oracles import channel as oracle
 
 CARRIERS = (4.9e9, 28e9)
@@ -178,6 +178,38 @@ def test_every_path_is_there_once(is_finite: bool, device: str) -> None:
     both = (paths.interaction == DIFFRACTION).any(axis=1) & (paths.order == 2)
     assert both.sum() >= 2
     assert len(np.unique(np.stack([paths.link, paths.path_id]), axis=1).T) == len(paths)
+
+
+def test_weak_paths_are_left_out_on_request(device: str) -> None:
+    """What stays is within the range at some carrier, what goes is outside of it at all, and the strongest stays."""
+    house, ground = (
+        box_part("Buildings/house", (4, 20, 30), (0, 0, 0), "metal", "building"),
+        plate((-40, 40), (-40, 40)),
+    )
+    tx, rx = (12.0, -20.0, 1.3), [(-10.0, 14.0, 0.5), (9.0, 16.0, 1.5)]
+    whole = solve([house, ground], tx, rx, device, diffraction=True, max_depth=2)
+    strong = solve([house, ground], tx, rx, device, diffraction=True, max_depth=2, dynamic_range_db=20.0)
+    level = 10 * np.log10((np.abs(whole.transfer["sunny"]) ** 2).sum(axis=(2, 3)))
+    below = np.stack([level[whole.link == k].max(axis=0) for k in range(2)])[whole.link] - level
+    expected = (below <= 20.0).any(axis=1)
+    assert 2 <= expected.sum() < len(whole)
+    np.testing.assert_array_equal(strong.path_id, whole.path_id[expected])
+    np.testing.assert_array_equal(strong.a["sunny"], whole.a["sunny"][expected])
+    np.testing.assert_array_equal(strong.count, np.bincount(whole.link[expected], minlength=2))
+
+
+def test_both_directions_follow_a_wall(device: str) -> None:
+    """A reflection that goes on over the next pane keeps its identifier, in the link and in the link backward."""
+    panes = [plate((x, x + 2), (-4, 4), name=f"pane_{x}") for x in (-4, -2, 0, 2)]
+    places = [[pose(-3.0, 0.0, 3.0), pose(float(x), 0.0, 3.0)] for x in (-2.0, 0.5, 3.5)]
+    actors = [("cav_1", "cav", -1), ("cav_2", "cav", -1)]
+    arrays = arrays_from_parts(panes, actors=actors, poses=places, materials=MATERIALS)
+    links, paths = oracle.solve(arrays, oracle.channel(links=("v2v",), max_depth=1), device)
+    mirrored = paths.interaction[:, 0] == SPECULAR
+    assert len(np.unique(paths.surface[mirrored, 0])) > 1
+    for forward in (True, False):
+        own = mirrored & ((links.tx_actor < links.rx_actor)[paths.link] == forward)
+        assert own.sum() == 3 and len(np.unique(paths.path_id[own])) == 1
 
 
 def test_outlines_leave_out_inner_edges_and_markings() -> None:
