@@ -181,7 +181,7 @@ def test_every_path_is_there_once(is_finite: bool, device: str) -> None:
 
 
 def test_weak_paths_are_left_out_on_request(device: str) -> None:
-    """What stays is within the range at some carrier, what goes is outside of it at all, and the strongest stays."""
+    """Paths that stay are within the range at some carrier, those that go are outside of it at all."""
     house, ground = (
         box_part("Buildings/house", (4, 20, 30), (0, 0, 0), "metal", "building"),
         plate((-40, 40), (-40, 40)),
