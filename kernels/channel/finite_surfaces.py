@@ -35,8 +35,8 @@ NEAR_EDGE = wp.constant(wp.float64(3.0))
 ON_EDGE = wp.constant(wp.float64(1e-9))
 """A point nearer than this to the line of an edge is on it [Fresnel coordinate]."""
 LOBE = wp.constant(wp.float64(0.5))
-"""A surface of width w has its main lobe up to 2 / w from the mirror's direction, 2.5 / w being `FAR_EDGE` * `LOBE` / w
-[square of a Fresnel coordinate]."""
+"""Edges of a surface of width w count (1 + `LOBE` / w) times as far out, so past the first null of a narrow one, which
+is 2 / w from the point of reflection [Fresnel coordinate]."""
 INSET_M = wp.constant(wp.float64(1e-3))
 """A path that reflects beside a surface touches it this far inside its outline [m]."""
 
