@@ -94,12 +94,12 @@ class PathSet:
         """Return the paths that are not weaker than the strongest of their link by more than a range.
 
         The strength of a path is the Frobenius norm of its transfer; it stays if it is strong enough at any carrier in
-        any weather, so that all have the same paths.
+        any weather, so that all have the same paths. Diffuse paths stay: each is a weak part of one rough surface.
 
         Args:
             range_db: The range [dB].
         """
-        is_kept = np.zeros(len(self), dtype=bool)
+        is_kept = (self.interaction == DIFFUSE).any(axis=1)
         for transfer in self.transfer.values():
             strength = np.linalg.norm(transfer, axis=(2, 3))
             most = np.zeros((len(self.count), strength.shape[1]))

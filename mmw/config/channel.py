@@ -76,7 +76,7 @@ class ChannelConfig(Sampling):
         default=None,
         gt=0,
         description="paths that are weaker than the strongest of their link by more than this, at every carrier and in "
-        "every weather, are left out; none by default [dB]",
+        "every weather, are left out, but for diffuse ones; none by default [dB]",
     )
     diffuse_samples: int = Field(
         default=1000, ge=2, le=2**24, description="rays that look for rough surfaces; each gives a path a link (count)"
