@@ -120,20 +120,19 @@ def wedge_matrices(
     scale = -np.exp(-0.25j * np.pi) / (2.0 * n * np.sqrt(2.0 * np.pi * wave) * sin_b)
     minus, plus = phi_out - phi_in, phi_out + phi_in
     d1, d2 = (scale * _term(minus, sign, n, reach) for sign in (1.0, -1.0))
-    d3, d4 = (scale * _term(plus, sign, n, reach) for sign in (1.0, -1.0))
+    width_n = width_0 = None
+    if width is not None and model == "utd":
+        far = np.sqrt(2.0 / (np.pi * before * behind / (before + behind)) * 0.5 * wave)  # sqrt(2 / (lambda rho))
+        wide = far[:, None] * np.where(swap[:, None], width[:, ::-1], width)
+        width_0 = np.where((phi_in < np.pi) & (phi_out < np.pi), wide[:, 0], np.nan)  # both in front of the face
+        width_n = np.where((n * np.pi - phi_in < np.pi) & (n * np.pi - phi_out < np.pi), wide[:, 1], np.nan)
+    d3, d4 = scale * _term(plus, 1.0, n, reach, width_n), scale * _term(plus, -1.0, n, reach, width_0)
     described = zip((hits.normal_0, hits.normal_n), material_id.T, strict=True)
     faces = [_face(k_in, hits.edge, *face, response) for face in described]
     swapped = swap[:, None, None]
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
     d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
     if model == "utd":
-        if width is not None:
-            wide = np.where(swap[:, None], width[:, ::-1], width)
-            far = np.sqrt(2.0 / (np.pi * before * behind / (before + behind)) * 0.5 * wave)  # sqrt(2 / (lambda rho))
-            is_front_0 = (phi_in < np.pi) & (phi_out < np.pi)
-            is_front_n = (n * np.pi - phi_in < np.pi) & (n * np.pi - phi_out < np.pi)
-            d4 = d4 - (scale * _pole(plus, -1.0, n, reach, far * wide[:, 0]) * is_front_0)[:, None, None]
-            d3 = d3 - (scale * _pole(plus, 1.0, n, reach, far * wide[:, 1]) * is_front_n)[:, None, None]
         return r_0 * d4 + r_n * d3 - np.eye(2) * (d1 + d2)
     is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
     r_n = np.where(is_dark, -np.eye(2), r_n)
@@ -161,30 +160,20 @@ def _angles(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.nda
     return swap, angle(to_source), angle(to_target), n
 
 
-def _term(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Return cot((pi +- beta) / 2n) F(reach a(beta)), finite on the shadow boundaries, shape [Q]."""
-    turns = np.round((beta + sign * np.pi) / (2.0 * n * np.pi))
-    a = 2.0 * np.cos(0.5 * (2.0 * n * np.pi * turns - beta)) ** 2
-    angle = (np.pi + sign * beta) / (2.0 * n)
-    off = angle - np.pi * np.round(angle / np.pi)
-    is_boundary = np.abs(off) < 1e-9
-    limit = np.where(off < 0.0, -1.0, 1.0) * n * np.sqrt(2.0 * np.pi * reach) * np.exp(0.25j * np.pi)
-    value = transition(reach * a) / np.tan(np.where(is_boundary, 1.0, off))
-    return np.where(is_boundary, limit, value)
+def _term(
+    beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray, width: np.ndarray | None = None
+) -> np.ndarray:
+    """Return cot((pi +- beta) / 2n) F(reach a(beta)), finite on the shadow boundaries, shape [Q].
 
-
-def _pole(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Return the part of `_term` that the Kirchhoff integral over a face holds, shape [Q].
-
-    It is the pole of the cotangent, n / sin(angle from the boundary / 2), times the transition function: the wave of a
-    straight edge in Fresnel's approximation.
+    With a width, without what the Kirchhoff integral over the face holds: the pole of the cotangent, n / sin(angle from
+    the boundary / 2), times F, the wave of a straight edge in Fresnel's approximation.
 
     Args:
-        beta: Sum of the angles of source and observer from the 0-face [rad], shape [Q].
-        sign: 1 for the second face, -1 for the 0-face.
+        beta: Difference or sum of the angles of source and observer from the 0-face [rad], shape [Q].
+        sign: 1 or -1, of pi.
         n: Open angle over pi, shape [Q].
         reach: Wave number times the distance parameter, shape [Q].
-        width: Smaller extent of the face, Fresnel coordinate, shape [Q].
+        width: Smaller extent of the face, Fresnel coordinate, NaN where it holds nothing, shape [Q]; or None.
     """
     turns = np.round((beta + sign * np.pi) / (2.0 * n * np.pi))
     a = 2.0 * np.cos(0.5 * (2.0 * n * np.pi * turns - beta)) ** 2
@@ -192,9 +181,13 @@ def _pole(beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray, width
     off = angle - np.pi * np.round(angle / np.pi)
     is_boundary = np.abs(off) < 1e-9
     limit = np.where(off < 0.0, -1.0, 1.0) * n * np.sqrt(2.0 * np.pi * reach) * np.exp(0.25j * np.pi)
-    value = transition(reach * a) * n / np.sin(np.where(is_boundary, 1.0, n * off))
-    share = edge_share(np.sqrt(2.0 * reach * a / np.pi), width)
-    return share * np.where(is_boundary, limit, value)
+    faded = transition(reach * a)
+    value = np.where(is_boundary, limit, faded / np.tan(np.where(is_boundary, 1.0, off)))
+    if width is None:
+        return value
+    pole = np.where(is_boundary, limit, faded * n / np.sin(np.where(is_boundary, 1.0, n * off)))
+    share = np.where(np.isnan(width), 0.0, edge_share(np.sqrt(2.0 * reach * a / np.pi), width))
+    return value - share * pole
 
 
 def _face(
