@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.core.planar_surfaces import weld
+from mmw.core.planar_surfaces import components, weld
 from mmw.physics.em.vectors import dot, norm
 
 
@@ -98,17 +98,8 @@ def _bodies(
 
     Source: volume by the divergence theorem, sum of (p0 - c) . ((p1 - c) x (p2 - c)) / 6 over the faces.
     """
-    body = np.arange(len(corner))
     seam = first[size >= 2]
-    links = np.stack([face[seam], face[seam + 1]], axis=1)
-    while True:  # the lowest face of each body spreads over its faces
-        lowest = np.minimum(body[links[:, 0]], body[links[:, 1]])
-        before = body.copy()
-        for side in (0, 1):
-            np.minimum.at(body, links[:, side], lowest)
-        body = body[body]
-        if (body == before).all():
-            break
+    body = components(len(corner), face[seam], face[seam + 1])
     is_seam = size == 2
     is_seam[is_seam] = is_forward[first[is_seam]] != is_forward[first[is_seam] + 1]
     is_loose = np.bincount(body[face[first[~is_seam]]], minlength=len(corner)) > 0
