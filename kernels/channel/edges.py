@@ -30,6 +30,10 @@ class Wedges:
     """Surface of the first face, shape [E]."""
     surface_n: wp.array[int]
     """Surface of the second face, shape [E]."""
+    reach: wp.array[wp.float64]
+    """Length of the line of edges that each belongs to [m], shape [E]."""
+    is_curved: wp.array[wp.uint8]
+    """1 between two facets of one curved surface, shape [E]."""
     first: wp.array[int]
     """First entry of each plane in `of_plane`, and the number of entries, shape [K + 1]."""
     of_plane: wp.array[int]
@@ -96,6 +100,33 @@ def is_outside(edge: Edge, point: wp.vec3d) -> bool:
     return wp.dot(edge.normal_0, to_point) > wp.float64(1e-9) or wp.dot(edge.normal_n, to_point) > wp.float64(1e-9)
 
 
+@wp.func
+def is_rim(edge: Edge, point: wp.vec3d) -> bool:
+    """Return whether just one face of a wedge looks to a point, so that the edge is on the rim of what it sees."""
+    to_point = point - edge.begin
+    return (wp.dot(edge.normal_0, to_point) > wp.float64(0.0)) != (wp.dot(edge.normal_n, to_point) > wp.float64(0.0))
+
+
+@wp.func
+def can_diffract(wedges: Wedges, wedge: int, edge: Edge, tx: wp.vec3d, rx: wp.vec3d) -> bool:
+    """Return whether a wedge has a wave from `tx` to `rx`: both outside of it, and on a curved surface at its rim."""
+    is_able = is_outside(edge, tx) and is_outside(edge, rx)
+    if is_able and wedges.is_curved[wedge] != wp.uint8(0):
+        is_able = is_rim(edge, tx) or is_rim(edge, rx)
+    return is_able
+
+
+@wp.func
+def most_edge_share(reach: wp.float64, shortest: wp.float64, point: wp.vec3d, tx: wp.vec3d, rx: wp.vec3d) -> wp.float64:
+    """Return more than the share of its wave that an edge of a length `reach` [m] has at a wavelength or longer ones.
+
+    Its Fresnel integral is below the length in Fresnel coordinates over sqrt(2).
+    """
+    before = wp.length(tx - point)
+    behind = wp.length(rx - point)
+    return reach * wp.sqrt((before + behind) / (shortest * before * behind))
+
+
 @wp.kernel
 def cull_wedges_kernel(
     batch_index: wp.array[int],
@@ -103,15 +134,23 @@ def cull_wedges_kernel(
     rx: wp.array[wp.vec3d],
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
+    shortest_m: wp.float64,
+    weakest: wp.float64,
     # out
     is_candidate_out: wp.array2d[wp.uint8],
 ):
     """Select the (link, wedge) pairs whose point of diffraction is on the edge, with both ends outside the wedge.
 
-    `batch_index`, `tx` and `rx` have a row a link. Launch: dim=(L, E).
+    `batch_index`, `tx` and `rx` have a row a link. With finite edges, of a shortest wavelength above 0, those that have
+    less than a share `weakest` of their wave are left out. Launch: dim=(L, E).
     """
     link, wedge = wp.tid()
     edge = edge_world(wedges, pose, batch_index[link], wedge)
-    is_diffracted = is_outside(edge, tx[link]) and is_outside(edge, rx[link])
-    is_diffracted = is_diffracted and edge_point(edge, tx[link], rx[link])[3] > wp.float64(0.0)
+    is_diffracted = can_diffract(wedges, wedge, edge, tx[link], rx[link])
+    if is_diffracted:
+        found = edge_point(edge, tx[link], rx[link])
+        is_diffracted = found[3] > wp.float64(0.0)
+        if is_diffracted and shortest_m > wp.float64(0.0):
+            point = wp.vec3d(found[0], found[1], found[2])
+            is_diffracted = most_edge_share(wedges.reach[wedge], shortest_m, point, tx[link], rx[link]) >= weakest
     is_candidate_out[link, wedge] = wp.where(is_diffracted, wp.uint8(1), wp.uint8(0))

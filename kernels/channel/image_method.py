@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.channel.edges import Wedges, edge_point, edge_world, is_outside
+from mmw.kernels.channel.edges import Wedges, can_diffract, edge_point, edge_world
 from mmw.kernels.channel.finite_surfaces import Outlines, beside_surface
 from mmw.kernels.channel.segments import (
     DIFFRACTION,
@@ -45,6 +45,8 @@ class PathCandidates:
     """Interactions of each: a surface id (or plane id), -2 - wedge id, or -1 behind the end, shape [C, D]."""
     is_plane: wp.bool
     """True if steps are planes, of which the point picks the surface; `step` then gets the surfaces that are found."""
+    is_curved: wp.bool
+    """True if each is one reflection at a curved surface, whose point and normal are given."""
     image: wp.array2d[wp.vec3d]
     """Scratch: image of the end that a step belongs to, before its surface [m], shape [C, D]."""
     normal: wp.array2d[wp.vec3d]
@@ -139,6 +141,9 @@ def find_exact_points(
     The mean planes of the surfaces pick surfaces and triangles, without gaps at inner edges; the planes of those
     triangles then give the points. A single finite surface also reflects beside its outline; its path then touches it.
     """
+    if candidates.is_curved:
+        candidates.offset[candidate, 0] = wp.dot(candidates.normal[candidate, 0], candidates.point[candidate, 0])
+        return True
     is_beside = wp.bool(False)
     for k in range(steps):
         if k != edge:
@@ -244,7 +249,7 @@ def refine_kernel(
                 segment.own[2] = wedges.surface_0[wedge]
                 segment.own[3] = wedges.surface_n[wedge]
                 ends_w = edge_world(wedges, pose, batch_index, wedge)
-                if not (is_outside(ends_w, segment.begin) and is_outside(ends_w, after)):
+                if not can_diffract(wedges, wedge, ends_w, segment.begin, after):
                     return
                 segment.stop = segment.end + EDGE_LIFTS * lift * ends_w.away
             else:

@@ -152,6 +152,23 @@ def path_ids(tx_number: np.ndarray, rx_number: np.ndarray, interaction: np.ndarr
     return (value >> np.uint64(1)).astype(np.int64)
 
 
+def tell_apart(ids: np.ndarray, link: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Return identifiers that no two paths of a link share: of equal ones, the longer paths get others, shape [P].
+
+    Args:
+        ids: Identifiers of `path_ids`, shape [P].
+        link: Link of each path, shape [P].
+        length: Length or delay of each path, shape [P].
+    """
+    order = np.lexsort((length, ids, link))
+    is_new = np.append(True, (link[order][1:] != link[order][:-1]) | (ids[order][1:] != ids[order][:-1]))[: len(order)]
+    first = np.maximum.accumulate(np.where(is_new, np.arange(len(order)), 0))
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order)) - first
+    numbered = (_mixed(ids.astype(np.uint64), rank) >> np.uint64(1)).astype(np.int64)
+    return np.where(rank == 0, ids, numbered)
+
+
 def _mixed(value: np.ndarray, word: np.ndarray) -> np.ndarray:
     z = (value ^ word.astype(np.int64).astype(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)

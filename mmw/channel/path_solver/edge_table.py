@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.curved_surfaces import CurvedTable
+from mmw.channel.path_solver.edge_lines import EdgeLines, join_edges
 from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, find_contacts, open_sectors
 from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.kernels.channel.edge_contacts import TOUCH_M
@@ -40,6 +42,14 @@ class WedgeTable:
     """Global surface of the first face, shape [E], int32."""
     surface_n: np.ndarray
     """Global surface of the second face, shape [E], int32."""
+    line: np.ndarray
+    """Lowest wedge of the line of edges that each belongs to, shape [E], int32."""
+    ahead: np.ndarray
+    """Length of that line before the begin and behind the end of each [m], shape [E, 2]."""
+    post: np.ndarray
+    """Lowest wedge of the post or trunk along which each runs, -1 for none, shape [E]."""
+    is_curved: np.ndarray
+    """True between two facets of one curved surface, whose edge is of the mesh only, shape [E], bool."""
     device: Wedges
     """The same for kernels."""
 
@@ -55,6 +65,7 @@ def make_wedge_table(
     sheets: bool,
     min_bend: float,
     town: np.ndarray | None = None,
+    curved: CurvedTable | None = None,
 ) -> WedgeTable:
     """Return the wedges of a scene, or none if `enabled` is false.
 
@@ -65,9 +76,10 @@ def make_wedge_table(
         sheets: Whether the edges of open sheets are wanted too.
         min_bend: Smallest angle between the normals of a wedge's faces [rad].
         town: Faces of the static world that have wedges, shape [M], bool; None for all.
+        curved: Curved surfaces of the scene, if it has them.
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
-    columns = [(len(scene.instance_actor), 0, NO_WEDGES)]
+    columns, lines = [(len(scene.instance_actor), 0, NO_WEDGES)], [_lines(NO_WEDGES)]
     if enabled:
         own = slice(None) if town is None else town
         meshes = [(arrays.points, arrays.faces[own], arrays.surface[own])]
@@ -76,13 +88,31 @@ def make_wedge_table(
             find_wedges(*mesh, sheets=sheets, min_bend=min_bend, device=scene.device) for mesh in meshes
         )
         columns.append((len(scene.instance_actor), 0, of_town))
-        columns += [(k, int(scene.surface_offset[k]), of_model[arrays.actors[actor].model]) for k, actor in instances]
+        objects = np.zeros(int(arrays.surface.max(initial=-1)) + 1, dtype=np.int64)
+        objects[arrays.surface] = arrays.object_id
+        lines.append(_lines(of_town, objects[of_town[5]]))
+        of_models = [(found, _lines(found)) for found in of_model]
+        for k, actor in instances:
+            found, joined = of_models[arrays.actors[actor].model]
+            columns.append((k, int(scene.surface_offset[k]), found))
+            lines.append(joined)
     vectors = [np.concatenate(values) for values in zip(*(wedges[:5] for _, _, wedges in columns), strict=True)]
     ids = [np.concatenate([wedges[k] + offset for _, offset, wedges in columns]) for k in (5, 6)]
     ids.append(np.concatenate([np.full(len(wedges[0]), carrier) for carrier, _, wedges in columns]))
     table = dict(zip(("begin", "end", "normal_0", "normal_n", "away"), vectors, strict=True))
     numbers = dict(zip(("surface_0", "surface_n", "carrier"), (values.astype(np.int32) for values in ids), strict=True))
+    before = np.cumsum([0, *(len(some.name) for some in lines)])
+    line = np.concatenate([some.name + k for some, k in zip(lines, before, strict=False)]).astype(np.int32)
+    ahead = np.concatenate([some.ahead for some in lines])
+    post = np.concatenate([np.where(some.post < 0, -1, some.post + k) for some, k in zip(lines, before, strict=False)])
+    is_curved = np.zeros(len(line), dtype=bool)
+    if curved is not None and len(line):
+        s0, sn = numbers["surface_0"], numbers["surface_n"]
+        is_curved = curved.is_curved[s0] & curved.is_curved[sn] & (curved.largest[s0] == curved.largest[sn])
     device = Wedges()
+    reach = ahead.sum(axis=1) + norm(table["end"] - table["begin"])
+    device.reach = wp.array(reach, dtype=wp.float64, device=scene.device)
+    device.is_curved = wp.array(is_curved, dtype=wp.uint8, device=scene.device)
     for name, values in table.items():
         setattr(device, name, wp.array(values, dtype=wp.vec3d, device=scene.device))
     for name, values in numbers.items():
@@ -92,7 +122,13 @@ def make_wedge_table(
     first = np.searchsorted(face[order], np.arange(int(plane.max(initial=-1)) + 2))
     device.first = wp.array(first, dtype=wp.int32, device=scene.device)
     device.of_plane = wp.array(order % max(len(face) // 2, 1), dtype=wp.int32, device=scene.device)
-    return WedgeTable(**numbers, **table, device=device)
+    return WedgeTable(**numbers, **table, line=line, ahead=ahead, post=post, is_curved=is_curved, device=device)
+
+
+def _lines(wedges: tuple[np.ndarray, ...], object_id: np.ndarray | None = None) -> EdgeLines:
+    """Return the lines of the wedges of `find_wedges`, whose objects have shape [E]."""
+    begin, end, _, _, away, *_ = wedges
+    return join_edges(begin, end, away, object_id)
 
 
 def find_wedges(

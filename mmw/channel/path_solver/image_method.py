@@ -7,16 +7,19 @@ import warp as wp
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
+from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.scatter_paths import find_patches
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays, padded_count
+from mmw.kernels.channel.curved_surfaces import cull_curved_kernel, curved_points_kernel
 from mmw.kernels.channel.edges import cull_wedges_kernel
 from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
+from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
 from mmw.physics.em.interaction import DIFFRACTION
 from mmw.physics.em.vectors import dot, norm
 
@@ -44,10 +47,13 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
     is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
     found = [_no_paths(max(1, config.max_depth))]
     if len(links):
-        for link, step, is_plane in _joined(_without_foliage(table, _candidates(search, is_pair))):
+        for link, step, is_plane in _joined(_at_mirrors(table, _candidates(search, is_pair))):
             for begin in range(0, len(link), CANDIDATES_AT_ONCE):
                 part = slice(begin, begin + CANDIDATES_AT_ONCE)
                 found.append(_refine(search, link[part], step[part], is_plane))
+        if table.curved is not None and config.specular_reflection and config.max_depth > 0:
+            for link, step, facet in _curved_candidates(search, table.curved):
+                found.append(_refine(search, link, step, False, facet))
         if config.diffuse_reflection and len(table):
             found += _scatter_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
@@ -83,16 +89,16 @@ def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
             yield row[link], _reverse(step), is_plane
 
 
-def _without_foliage(table: SurfaceTable, candidates: Iterator[Candidates]) -> Iterator[Candidates]:
-    """Yield the candidates without a mirror of foliage; launched rays find none of them, `exhaustive` does."""
-    leaves = None if table.foliage is None else np.append(table.foliage.is_foliage, False)  # -1 is no step
+def _at_mirrors(table: SurfaceTable, candidates: Iterator[Candidates]) -> Iterator[Candidates]:
+    """Yield the candidates whose reflections are at flat mirrors, see `SurfaceTable.is_mirror`."""
+    is_mirror = None if table.is_mirror is None else np.append(table.is_mirror, True)  # -1 is no step
+    lead = np.append(table.lead, -1)
     for link, step, is_plane in candidates:
-        if leaves is None:
+        if is_mirror is None:
             yield link, step, is_plane
             continue
-        lead = np.append(table.lead, -1)
         surface = np.maximum(step, -1)
-        keep = ~leaves[lead[surface] if is_plane else surface].any(axis=1)
+        keep = is_mirror[lead[surface] if is_plane else surface].all(axis=1)
         yield link[keep], step[keep], is_plane
 
 
@@ -148,6 +154,21 @@ def _scatter_paths(search: Search) -> list[TracedPaths]:
     return found
 
 
+def _curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield links, steps and facets of reflections at curved surfaces: each facet with a point for each link."""
+    links, count, device = search.links, len(curved.surface), search.scene.device
+    at_once = max(1, 2**26 // max(count, 1))
+    for begin in range(0, len(links) if count else 0, at_once):
+        shape = min(at_once, len(links) - begin), count
+        is_candidate = wp.empty(shape, dtype=wp.uint8, device=device)
+        inputs = [search.forward.ends, search.table.device, curved.device, begin]
+        wp.launch(cull_curved_kernel, dim=shape, inputs=inputs, outputs=[is_candidate], device=device)
+        link, facet = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), count)
+        step = np.full((len(link), search.config.max_depth), -1, dtype=np.int32)
+        step[:, 0] = curved.surface[facet]
+        yield (link + begin).astype(np.int32), step, facet
+
+
 def _wedge_candidates(search: Search) -> Iterator[Candidates]:
     """Yield the candidates of one diffraction and nothing else: every wedge for every link."""
     links, wedges, device = search.links, search.table.wedges, search.scene.device
@@ -164,6 +185,8 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
                 wp.array(links.rx.position[rows], dtype=wp.vec3d, device=device),
                 wedges.device,
                 search.pose,
+                search.outlines.shortest_m,
+                WEAKEST_SHARE,
             ],
             outputs=[is_candidate],
             device=device,
@@ -174,8 +197,13 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
         yield (link + begin).astype(np.int32), step, False
 
 
-def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) -> TracedPaths:
-    """Return the candidates that are paths; `link` still counts in the order of the sources."""
+def _refine(
+    search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool, facet: np.ndarray | None = None
+) -> TracedPaths:
+    """Return the candidates that are paths; `link` still counts in the order of the sources.
+
+    With facets, shape [C], each is a reflection at the facet of a curved surface.
+    """
     scene, table, config = search.scene, search.table, search.config
     device, count = scene.device, len(link)
     rows = padded_count(count)
@@ -188,6 +216,16 @@ def _refine(search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool) 
     candidates = scratch.struct(PathCandidates, "image", "normal", "point", "offset")
     candidates.link, candidates.step = given.upload()
     candidates.is_plane = is_plane
+    candidates.is_curved = facet is not None
+    if facet is not None:
+        given_facet = wp.array(facet, dtype=wp.int32, device=device)
+        wp.launch(
+            curved_points_kernel,
+            dim=count,
+            inputs=[search.forward.ends, table.device, table.curved.device, search.pose, candidates.link, given_facet],
+            outputs=[candidates.point, candidates.normal],
+            device=device,
+        )
     hits = out.struct(HitBuffers, None, "kind", "surface", "vertex", "normal")
     wp.launch(
         refine_kernel,

@@ -22,6 +22,8 @@ class MeshEdges:
     """True for a face with an area, shape [M]."""
     is_open: np.ndarray
     """True for a face of a body that does not close or whose faces disagree about the outside, shape [M]."""
+    welded: np.ndarray
+    """Welded vertex at each corner of the faces, shape [M, 3]."""
     vertex: np.ndarray
     """Both ends of each half-edge in the order of its face, shape [H, 2]."""
     face: np.ndarray
@@ -71,6 +73,7 @@ def find_edges(points: np.ndarray, faces: np.ndarray) -> MeshEdges:
         normal=normal,
         has_area=length > 0.0,
         is_open=is_open,
+        welded=vertex,
         vertex=edges,
         face=face,
         opposite=opposite,

@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.traced_paths import reverse_columns
-from mmw.channel.paths import PathSet, path_ids
+from mmw.channel.paths import PathSet, path_ids, tell_apart
 from mmw.config import ChannelConfig
 from mmw.physics.em.interaction import TRANSMISSION
 
@@ -84,6 +84,7 @@ def add_reversed_links(
     surface = joined["surface"][len(paths) :]
     named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)
     back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, named)
+    back_id = tell_apart(back_id, link, paths.tau[row])
     joined["path_id"] = np.concatenate([paths.path_id, back_id])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]

@@ -7,27 +7,23 @@ import numpy as np
 
 from mmw.channel.antennas.link_elements import LinkElements, configured_elements
 from mmw.channel.links import Links
+from mmw.channel.path_solver.finite_shares import finite_shares, weakest_shares
+from mmw.channel.path_solver.found_geometry import first_faces, found_geometry, gather, range_rates
 from mmw.channel.path_solver.image_method import trace_paths
+from mmw.channel.path_solver.path_names import path_names
 from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
-from mmw.channel.path_solver.reflected_shares import reflected_shares
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.channel.paths import AIR_LOSSES, PathSet, path_ids, path_kinds
+from mmw.channel.paths import AIR_LOSSES, PathSet, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
-from mmw.core.kinematics import differentiate_rows
-from mmw.core.transforms import rotate
 from mmw.physics.em.attenuation import path_loss_db
-from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
-from mmw.physics.em.field import PathGeometry, combine, path_geometry
-from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
+from mmw.physics.em.diffraction import DiffractionModel, is_lit
+from mmw.physics.em.field import PathGeometry, combine
 from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
-from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.em.path_gain import Interactions, path_transfer
-from mmw.physics.em.scattering import ScatteringPoints
-from mmw.physics.em.vectors import dot, norm
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 from mmw.physics.weather.weather import Weather
@@ -112,19 +108,19 @@ def trace_links(
         found = trace_paths(search, None if is_whole else is_pair)
     finally:
         search.release()
-    geometry, interactions = _geometry(search, found)
+    geometry, interactions = found_geometry(search, found)
     if config.diffraction and not config.diffraction_lit_region:
         keep = np.ones(len(found), dtype=bool)
         keep[interactions.wedges.path[is_lit(geometry, interactions.wedges)]] = False
         found = found.take(np.nonzero(keep)[0])
-        geometry, interactions = _geometry(search, found)
+        geometry, interactions = found_geometry(search, found)
     share = None
     if table.outlines is not None:
-        share = reflected_shares(search, found, geometry, table.outlines, config.carriers_hz)
-        keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= WEAKEST_SHARE)
+        share = finite_shares(search, found, geometry, interactions.wedges, table.outlines, config.carriers_hz)
+        keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
         found, share = found.take(keep), share[keep]
-        geometry, interactions = _geometry(search, found)
-    range_rate = _range_rate(search, found, geometry)
+        geometry, interactions = found_geometry(search, found)
+    range_rate = range_rates(search, found, geometry)
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
@@ -163,12 +159,12 @@ def path_gains(
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        path_id=_path_ids(links, found, table),
+        path_id=path_names(links, found, geometry, trace.interactions.wedges, table),
         kind=path_kinds(found.kind),
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
         surface=found.surface,
-        object_id=_gather(table.object_id, _faces(found, table), is_there),
+        object_id=gather(table.object_id, first_faces(found, table), is_there),
         material_id=trace.interactions.material_id,
         vertex=found.vertex,
         normal=found.normal,
@@ -246,71 +242,6 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
     )
 
 
-def _path_ids(links: Links, found: TracedPaths, table: SurfaceTable) -> np.ndarray:
-    """Return identifiers that stay as a point of reflection moves on over coplanar surfaces, shape [P]."""
-    is_flat = (found.kind == SPECULAR) | (found.kind == TRANSMISSION)
-    surface = found.surface
-    if is_flat.any():
-        surface = np.where(is_flat, table.wall[np.where(is_flat, surface, 0)], surface)
-    rough, step = np.nonzero(found.kind == DIFFUSE)
-    if len(rough):  # a patch is known by its ray
-        surface = surface.copy()
-        surface[rough, step] = found.ray[rough]
-    return path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, surface)
-
-
-def _faces(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
-    """Return the surface of each interaction, for a diffraction the first face of its wedge, shape [P, D]."""
-    if not len(table.wedges):
-        return found.surface
-    is_diffracted = found.kind == DIFFRACTION
-    return np.where(is_diffracted, table.wedges.surface_0[np.where(is_diffracted, found.surface, 0)], found.surface)
-
-
-def _gather(values: np.ndarray, row: np.ndarray, is_there: np.ndarray) -> np.ndarray:
-    """Return values[row] where there is something, -1 elsewhere, int32."""
-    if not len(values):
-        return np.full(row.shape, -1, dtype=np.int32)
-    return np.where(is_there, values[np.where(is_there, row, 0)], -1).astype(np.int32)
-
-
-def _geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, Interactions]:
-    """Return the geometry of found paths, and their interactions."""
-    links, table = search.links, search.table
-    wedges = _wedge_hits(search, found)
-    edge = np.zeros_like(found.vertex)
-    edge[wedges.path, wedges.step] = wedges.edge
-    tx, rx = links.tx.position[found.link], links.rx.position[found.link]
-    geometry = path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge)
-    path, step = np.nonzero(found.kind == DIFFUSE)
-    solid_angle = np.full(len(path), 4.0 * np.pi / search.config.diffuse_samples)
-    rough = ScatteringPoints(path, step, found.normal[path, step], solid_angle, found.ray[path] < -1)
-    wedge = found.surface[wedges.path, wedges.step]
-    sides = np.stack([table.wedges.surface_0[wedge], table.wedges.surface_n[wedge]], axis=1).reshape(-1, 2)
-    outlines = table.outlines
-    return geometry, Interactions(
-        material_id=_gather(table.material_id, _faces(found, table), found.kind != 0),
-        wedges=wedges,
-        wedge_material=table.material_id[sides],
-        wedge_width=None if outlines is None else outlines.width[outlines.of_plane[table.plane[sides]]],
-        rough=rough,
-    )
-
-
-def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
-    path, step = np.nonzero(found.kind == DIFFRACTION)
-    wedge, wedges = found.surface[path, step], search.table.wedges
-    vectors = [(wedges.end - wedges.begin)[wedge], *(v[wedge] for v in (wedges.normal_0, wedges.normal_n, wedges.away))]
-    moved = np.nonzero(wedges.carrier[wedge] < len(search.scene.instance_actor))[0]
-    if len(moved):
-        batch_index = search.links.batch_index[found.link[path[moved]]]
-        turn = search.host_pose[batch_index, wedges.carrier[wedge[moved]], 3:]
-        for vector in vectors:
-            vector[moved] = rotate(turn, vector[moved])
-    vectors[0] = vectors[0] / norm(vectors[0])[:, None]
-    return WedgeHits(path, step, *vectors)
-
-
 def _gains(
     trace: Trace,
     config: ChannelConfig,
@@ -347,29 +278,3 @@ def _gains(
         ]
         a[weather] = np.stack(columns, axis=1)
     return transfer, a, loss_db
-
-
-def _range_rate(search: Search, found: TracedPaths, geometry: PathGeometry) -> np.ndarray:
-    """Return d(length)/dt of each path [m/s] from the velocities of both ends and of every vertex, shape [P].
-
-    Source: first-order Doppler, Sionna RT 2.2 technical report; the bodies are rigid, so the velocity of a point is
-    v + w x r.
-    """
-    scene, links, table = search.scene, search.links, search.table
-    rate = -dot(links.tx.velocity[found.link], geometry.departure)
-    rate -= dot(links.rx.velocity[found.link], geometry.arrival)
-    if not len(table) or not len(scene.instance_actor):
-        return rate
-    is_there = found.kind != 0
-    owner = _gather(table.owner, _faces(found, table), is_there)
-    path, step = np.nonzero(owner >= 0)
-    if len(path):
-        rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
-        motion = differentiate_rows(scene.arrays.poses, rows, scene.arrays.pose_dt)
-        batch_index = links.batch_index[found.link[path]]
-        actor = scene.instance_actor[owner[path, step]]
-        arm = found.vertex[path, step] - scene.arrays.poses[rows[batch_index], actor, :3]
-        moving = motion.velocity[batch_index, actor] + np.cross(motion.world_rate[batch_index, actor], arm)
-        turned = geometry.direction[path, step] - geometry.direction[path, step + 1]
-        np.add.at(rate, path, dot(moving, turned))
-    return rate

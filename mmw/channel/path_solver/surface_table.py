@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.curved_surfaces import CurvedTable, make_curved_table
 from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
@@ -54,6 +55,8 @@ class SurfaceTable:
     """Largest surface of every plane, shape [K], int32."""
     outlines: OutlineTable | None = None
     """Outlines of the planes; None where surfaces reflect as if they were infinite."""
+    curved: CurvedTable | None = None
+    """Curved surfaces; None where their facets reflect as flat ones."""
     foliage: Foliage | None = None
     """Foliage that waves pass; None if it was not requested, and foliage is a solid."""
     sizes: dict[str, int] = field(default_factory=dict)
@@ -64,8 +67,21 @@ class SurfaceTable:
 
     @cached_property
     def wall(self) -> np.ndarray:
-        """Largest of the surfaces that are coplanar with each, which names all of them in `path_id`, shape [G]."""
-        return self.lead[self.plane]
+        """Largest surface of the plane or curved surface of each, which names all of them in `path_id`, shape [G]."""
+        wall = self.lead[self.plane]
+        return wall if self.curved is None else np.where(self.curved.is_curved, self.curved.largest, wall)
+
+    @cached_property
+    def is_mirror(self) -> np.ndarray | None:
+        """True for surfaces that reflect as flat ones, not foliage that waves pass or facets, shape [G]; None for all."""
+        if self.foliage is None and self.curved is None:
+            return None
+        out = np.ones(len(self), dtype=bool)
+        if self.foliage is not None:
+            out &= ~self.foliage.is_foliage
+        if self.curved is not None:
+            out &= ~self.curved.is_curved
+        return out
 
     @cached_property
     def used_materials(self) -> np.ndarray:
@@ -155,10 +171,18 @@ def make_surface_table(
     table["plane"] = _planes(of_row[row_all], table["owner"])
     plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
     lead = _leads(table["plane"], table["area"])
-    outlines = None
+    outlines = curved = None
     if finite:
         of_plane = of_row[row_all][lead]
         outlines = make_outline_table(triangle, row_of, of_row, normal, area, of_plane)
+        ids = [arrays.object_id, *(np.zeros(len(m.faces), dtype=np.int32) for m in arrays.models)]
+        sorted_parts = [
+            (points, faces[order], surface[order], object_id[order])
+            for (points, faces, surface, _), object_id in zip(parts, ids, strict=True)
+            for order in [np.argsort(surface, kind="stable")]
+        ]
+        excluded = np.zeros(len(row_all), dtype=bool) if leaves is None else leaves.is_foliage
+        curved = make_curved_table(sorted_parts, row_all, first, triangle_count, area, excluded, scene.device)
     return SurfaceTable(
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
@@ -170,11 +194,13 @@ def make_surface_table(
             sheets=sheets,
             min_bend=min_bend,
             town=None if leaves is None else leaves.solid_faces,
+            curved=curved,
         ),
         has_wedges=wedges,
         plane=table["plane"],
         lead=lead,
         outlines=outlines,
+        curved=curved,
         foliage=leaves,
     )
 

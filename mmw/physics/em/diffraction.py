@@ -13,13 +13,11 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.field import PathGeometry, perpendicular
 from mmw.physics.em.finite_surfaces import edge_share
 from mmw.physics.em.surface_response import SurfaceResponse
+from mmw.physics.em.transition import transition
 from mmw.physics.em.vectors import dot
 
 DiffractionModel = Literal["utd", "sionna"]
 """Combination of the four terms of the theory with the reflection matrices of the faces; see `wedge_matrices`."""
-
-SERIES_BELOW = 6.0
-"""The transition function uses its power series below this argument, its continued fraction above."""
 
 
 @dataclass(frozen=True)
@@ -38,33 +36,10 @@ class WedgeHits:
     """Outward normal of the other face, shape [Q, 3]."""
     away: np.ndarray
     """Unit vector across the edge into the open, shape [Q, 3]."""
-
-
-def transition(x: np.ndarray) -> np.ndarray:
-    """Return the transition function F(x) = 2j sqrt(x) e^{jx} times the integral of e^{-j t^2} from sqrt(x) on.
-
-    Args:
-        x: Real arguments >= 0, any shape.
-
-    Returns:
-        complex128; 0 at 0, and toward 1 for large x.
-
-    Source: Kouyoumjian and Pathak 1974, equation 28, written as j sqrt(pi x) e^{-j pi/4} erfcx(sqrt(x) e^{j pi/4});
-    erfcx by Abramowitz and Stegun 7.1.6 (series) and 7.1.14 (continued fraction).
-    """
-    z = np.sqrt(x) * np.exp(0.25j * np.pi)
-    small = np.where(x < SERIES_BELOW, z, 0.0)
-    term, total = small.copy(), small.copy()
-    for n in range(1, 70):
-        term = term * 2.0 * small**2 / (2 * n + 1)
-        total = total + term
-    series = np.exp(small**2) - 2.0 / np.sqrt(np.pi) * total
-    large = np.where(x < SERIES_BELOW, 3.0 + 0j, z)
-    fraction = large
-    for n in range(120, 0, -1):
-        fraction = large + 0.5 * n / fraction
-    scaled = np.where(x < SERIES_BELOW, series, 1.0 / (np.sqrt(np.pi) * fraction))
-    return 1j * np.sqrt(np.pi * x) * np.exp(-0.25j * np.pi) * scaled
+    at: np.ndarray
+    """Distance of the point of diffraction from the begin of its edge [m], shape [Q]."""
+    is_curved: np.ndarray
+    """True where the faces are facets of one curved surface, shape [Q]."""
 
 
 def wedge_spreading(geometry: PathGeometry, hits: WedgeHits) -> np.ndarray:
@@ -98,6 +73,9 @@ def wedge_matrices(
     the whole field continuous across the shadow and reflection boundaries of any material. `sionna`: R_0 (D1 - D4) +
     R_n (D2 - D3) with R_n = -1 where the second face is dark, as Sionna RT 2.2 computes it; it is continuous across the
     shadow boundary only.
+
+    The edge between two facets of a curved surface is that of its rim: it has -(D1 + D2) alone, since what the surface
+    reflects has no boundary there.
 
     With finite faces, `utd` leaves out what the Kirchhoff integral over a face holds of its edge: the pole of the term
     at the boundary of reflection, as far as `mmw.physics.em.finite_surfaces.edge_share` says.
@@ -133,7 +111,8 @@ def wedge_matrices(
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
     d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
     if model == "utd":
-        return r_0 * d4 + r_n * d3 - np.eye(2) * (d1 + d2)
+        has_mirrors = ~hits.is_curved[:, None, None]
+        return np.where(has_mirrors, r_0 * d4 + r_n * d3, 0.0) - np.eye(2) * (d1 + d2)
     is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
     r_n = np.where(is_dark, -np.eye(2), r_n)
     return r_0 * (d1 - d4) + r_n * (d2 - d3)

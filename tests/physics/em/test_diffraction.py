@@ -10,7 +10,7 @@ from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, rotate, transform_points
-from mmw.physics.em.diffraction import transition
+from mmw.physics.em.transition import transition
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart

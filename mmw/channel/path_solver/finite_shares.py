@@ -1,0 +1,142 @@
+"""Compute the share of the field of endless mirrors and edges that those of traced paths have, at every carrier."""
+
+import numpy as np
+import warp as wp
+
+from mmw.channel.path_solver.curved_surfaces import CurvedTable
+from mmw.channel.path_solver.edge_table import WedgeTable
+from mmw.channel.path_solver.outlines import OutlineTable
+from mmw.channel.path_solver.search import Search
+from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.channel.path_solver.traced_paths import TracedPaths
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.kernels.channel.curved_surfaces import curved_share_kernel
+from mmw.kernels.channel.finite_surfaces import share_kernel
+from mmw.physics.em.diffraction import WedgeHits
+from mmw.physics.em.field import PathGeometry
+from mmw.physics.em.finite_surfaces import WEAKEST_CURVED_SHARE, WEAKEST_SHARE, finite_edge_share
+from mmw.physics.em.interaction import SPECULAR
+from mmw.physics.em.vectors import dot, norm
+
+
+def finite_shares(
+    search: Search,
+    found: TracedPaths,
+    geometry: PathGeometry,
+    wedges: WedgeHits,
+    outlines: OutlineTable,
+    carriers_hz: tuple[float, ...],
+) -> np.ndarray:
+    """Return the product of the shares of all reflections and diffractions of each path, shape [P, C], complex128.
+
+    Args:
+        search: Scene, links and surfaces of the paths.
+        found: The paths.
+        geometry: Their geometry.
+        wedges: Their diffractions.
+        outlines: Outlines of the planes.
+        carriers_hz: Carrier frequencies [Hz], shape [C].
+    """
+    share = _edge_shares(search.table.wedges, found, geometry, wedges, carriers_hz)
+    is_specular = found.kind == SPECULAR
+    curved = search.table.curved
+    if curved is not None:
+        is_curved = is_specular & curved.is_curved[np.where(is_specular, found.surface, 0)]
+        share *= _curved_shares(search, found, np.flatnonzero(is_curved.any(axis=1)), curved, carriers_hz)
+        is_specular &= ~is_curved
+    path, step = np.nonzero(is_specular)
+    if not len(path):
+        return share
+    table, device = search.table, search.scene.device
+    vertex, normal = found.vertex[path, step], found.normal[path, step]
+    ends = np.concatenate([search.links.tx.position[found.link][:, None], found.vertex], axis=1)
+    before_at = ends[path, step]
+    is_last = step + 1 == found.order[path]
+    next_at = np.where(
+        is_last[:, None],
+        search.links.rx.position[found.link[path]],
+        found.vertex[path, np.minimum(step + 1, found.vertex.shape[1] - 1)],
+    )
+    heights = dot(before_at - vertex, normal), dot(next_at - vertex, normal)
+    feet = before_at - heights[0][:, None] * normal, next_at - heights[1][:, None] * normal
+    point = (heights[1][:, None] * feet[0] + heights[0][:, None] * feet[1]) / (heights[0] + heights[1])[:, None]
+    incoming = point - before_at
+    incoming /= np.linalg.norm(incoming, axis=1)[:, None]
+    before, behind = geometry.lengths_around(path, step)
+    plane = table.plane[found.surface[path, step]]
+    owner = table.owner[table.lead[plane]]
+    carrier = np.where(owner < 0, search.host_pose.shape[1], owner)
+    out = wp.empty((len(path), len(carriers_hz)), dtype=wp.vec2d, device=device)
+    given = [
+        (search.host_pose, wp.transformd),
+        (SPEED_OF_LIGHT / np.array(carriers_hz), wp.float64),
+        (search.links.batch_index[found.link[path]], wp.int32),
+        (outlines.of_plane[plane], wp.int32),
+        (carrier, wp.int32),
+        (point, wp.vec3d),
+        (vertex, wp.vec3d),
+        (incoming, wp.vec3d),
+        (before, wp.float64),
+        (behind, wp.float64),
+    ]
+    inputs = [search.outlines, *(wp.array(values, dtype=dtype, device=device) for values, dtype in given)]
+    wp.launch(share_kernel, dim=out.shape, inputs=inputs, outputs=[out], device=device)
+    values = out.numpy()
+    np.multiply.at(share, path, values[..., 0] + 1j * values[..., 1])
+    return share
+
+
+def _edge_shares(
+    table: WedgeTable, found: TracedPaths, geometry: PathGeometry, wedges: WedgeHits, carriers_hz: tuple[float, ...]
+) -> np.ndarray:
+    """Return the product of the shares of the diffractions of each path, along the lines of their edges, [P, C]."""
+    share = np.ones((len(found), len(carriers_hz)), dtype=np.complex128)
+    if not len(wedges.path):
+        return share
+    own = found.surface[wedges.path, wedges.step]
+    before, behind = geometry.lengths_around(wedges.path, wedges.step)
+    along = dot(geometry.direction[wedges.path, wedges.step], wedges.edge)
+    scale = np.sqrt(np.maximum(1.0 - along**2, 0.0) * (before + behind) / (before * behind))
+    length = norm(table.end[own] - table.begin[own])
+    at = np.clip(wedges.at, 0.0, length)
+    ahead = table.ahead[own]
+    values = finite_edge_share(at + ahead[:, 0], length - at + ahead[:, 1], scale, carriers_hz)
+    np.multiply.at(share, wedges.path, values)
+    return share
+
+
+def weakest_shares(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
+    """Return the share below which each path is left out, shape [P]."""
+    out = np.full(len(found), WEAKEST_SHARE)
+    if table.curved is not None:
+        is_specular = found.kind == SPECULAR
+        out[(is_specular & table.curved.is_curved[np.where(is_specular, found.surface, 0)]).any(axis=1)] = (
+            WEAKEST_CURVED_SHARE
+        )
+    return out
+
+
+def _curved_shares(
+    search: Search, found: TracedPaths, path: np.ndarray, curved: CurvedTable, carriers_hz: tuple[float, ...]
+) -> np.ndarray:
+    """Return the shares of paths whose only interaction is at a curved surface, 1 for the others, shape [P, C]."""
+    share = np.ones((len(found), len(carriers_hz)), dtype=np.complex128)
+    if not len(path):
+        return share
+    device, links = search.scene.device, search.links
+    out = wp.empty((len(path), len(carriers_hz)), dtype=wp.vec2d, device=device)
+    link = found.link[path]
+    given = [
+        (SPEED_OF_LIGHT / np.array(carriers_hz), wp.float64),
+        (links.batch_index[link], wp.int32),
+        (curved.first_facet[found.surface[path, np.argmax(found.kind[path] == SPECULAR, axis=1)]], wp.int32),
+        (links.tx.position[link], wp.vec3d),
+        (links.rx.position[link], wp.vec3d),
+    ]
+    host_pose = wp.array(search.host_pose, dtype=wp.transformd, device=device)
+    inputs = [search.table.device, curved.device, search.outlines, host_pose]
+    inputs += [wp.array(values, dtype=dtype, device=device) for values, dtype in given]
+    wp.launch(curved_share_kernel, dim=out.shape, inputs=inputs, outputs=[out], device=device)
+    values = out.numpy()
+    share[path] = values[..., 0] + 1j * values[..., 1]
+    return share

@@ -1,0 +1,52 @@
+"""Name paths so that a path keeps its name from frame to frame, while its points move on over what carries them."""
+
+import numpy as np
+
+from mmw.channel.links import Links
+from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.channel.path_solver.traced_paths import TracedPaths
+from mmw.channel.paths import path_ids, tell_apart
+from mmw.physics.em.diffraction import WedgeHits
+from mmw.physics.em.field import PathGeometry
+from mmw.physics.em.interaction import DIFFUSE, SPECULAR, TRANSMISSION
+from mmw.physics.em.vectors import dot
+
+
+def path_names(
+    links: Links, found: TracedPaths, geometry: PathGeometry, wedges: WedgeHits, table: SurfaceTable
+) -> np.ndarray:
+    """Return the identifier of each path, shape [P], int64.
+
+    A reflection or passage is named by its wall: all coplanar surfaces, or a curved one. A diffraction is named by the
+    line that its edge belongs to, along a round post by the post and the side that the path passes; a diffuse one by
+    its ray. Of paths of a link with one name, the longer ones are numbered.
+
+    Args:
+        links: The traced links.
+        found: The paths.
+        geometry: Their geometry.
+        wedges: Their diffractions.
+        table: Surfaces of the scene.
+    """
+    is_flat = (found.kind == SPECULAR) | (found.kind == TRANSMISSION)
+    named = found.surface
+    if is_flat.any():
+        named = np.where(is_flat, table.wall[np.where(is_flat, named, 0)], named)
+    rough, step = np.nonzero(found.kind == DIFFUSE)
+    if len(rough) or len(wedges.path):
+        named = named.copy()
+        named[rough, step] = found.ray[rough]
+    if len(wedges.path):
+        own = found.surface[wedges.path, wedges.step]
+        post = table.wedges.post[own]
+        forward = geometry.direction[wedges.path, wedges.step] + geometry.direction[wedges.path, wedges.step + 1]
+        side = dot(np.cross(forward, _upward(wedges.edge)), wedges.away) > 0.0
+        named[wedges.path, wedges.step] = np.where(post < 0, table.wedges.line[own], -2 - 2 * post - side)
+    ids = path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, named)
+    return tell_apart(ids, found.link, geometry.length)
+
+
+def _upward(direction: np.ndarray) -> np.ndarray:
+    """Return directions, or their opposites, whose largest component is positive, shape [N, 3]."""
+    largest = np.take_along_axis(direction, np.abs(direction).argmax(axis=1)[:, None], axis=1)
+    return np.where(largest < 0.0, -direction, direction)
