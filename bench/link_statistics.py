@@ -1,28 +1,42 @@
-"""Measure how links live in each preset of the physics: outage, paths, births, jumps, and reflections at poles.
+"""Measure how links live in each preset of the physics: outage, paths, births, jumps, spreads, reflections at poles.
 
-    python -m bench.link_statistics --physics paper standard --frames 40 [--scenarios town03_roundabout ...]
+    python -m bench.link_statistics --json docs/reference/data/channel_statistics.json
+        [--physics paper standard full --frames 40 --bursts 1 --scenarios town03_roundabout ...]
 
-Prints a line of JSON for each scenario and preset, at the first carrier in dry weather. A birth is a path whose
-identifier its link did not have in the frame before; it continues an old path if one that ended there had nearly its
-length.
+Prints a line of JSON for each scenario, preset and carrier, in dry weather. With `--json` the lines are stored in the
+file, in place of its lines of the same scenario, preset and carrier: several calls fill one file, of which
+`python -m bench.link_statistics_page` makes `docs/reference/channel-statistics.md`.
 """
 
 import argparse
 import json
+import tempfile
 import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from filelock import FileLock
 
 from mmw import load_config, load_scene
+from mmw.channel import statistics as st
 from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PathSet
+from mmw.channel.path_table import SAMPLE_COLUMNS, CarrierPaths, rows_from_paths
+from mmw.channel.path_tracks import LINK_NAMES, PathTracks, tracks_from_rows
+from mmw.channel.paths import LOS_STATES, PATH_DIFFUSE, PathSet
+from mmw.channel.track_statistics import continues_old_path, level_steps_db, median_lifetime, survival
 from mmw.config.physics_presets import PHYSICS_PRESETS
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.interaction import SPECULAR
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
+
+Record = dict[str, Any]
+
+WEATHER = "sunny"
 
 SAME_LENGTH_M = 0.1
 """Largest change of length between two frames of what counts as one path [m]: 10 m/s over 0.01 s."""
@@ -30,87 +44,195 @@ SAME_LENGTH_M = 0.1
 JUMP_DB = 3.0
 """Change of the level of one path from frame to frame that counts as a jump [dB]."""
 
+PERCENTILES = (10, 50, 90)
 
-def lives(links: Links, paths: PathSet, weather: str) -> dict[str, float]:
-    """Return the shares of births and jumps over successive frames of all links."""
-    length, level = paths.tau * SPEED_OF_LIGHT, np.abs(paths.a[weather][:, 0])
-    order = np.argsort(paths.link, kind="stable")
-    first = np.concatenate([[0], np.cumsum(paths.count)])
-    births = continued = pairs = jumps = 0
-    before: dict[tuple[int, ...], dict[int, int]] = {}
-    for link in np.argsort(links.frame, kind="stable"):
-        ends = tuple(
-            int(column[link]) for column in (links.tx_actor, links.rx_actor, links.tx_antenna, links.rx_antenna)
-        )
-        now = {int(paths.path_id[row]): int(row) for row in order[first[link] : first[link + 1]]}
-        old = before.get(ends)
-        if old is not None:
-            ended = length[[row for name, row in old.items() if name not in now]]
-            for name, row in now.items():
-                if name in old:
-                    pairs += 1
-                    with np.errstate(divide="ignore", invalid="ignore"):
-                        jumps += bool(abs(20.0 * np.log10(level[row] / level[old[name]])) > JUMP_DB)
-                else:
-                    births += 1
-                    continued += bool((np.abs(ended - length[row]) < SAME_LENGTH_M).any())
-        before[ends] = now
+DIGITS = 4
+"""Significant digits of stored numbers."""
+
+
+def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray) -> Record:
+    """Return how paths live over successive frames; diffuse ones, which exist in one frame each, are left out.
+
+    Args:
+        paths: Paths of one carrier.
+        path_id: Identifier of each, shape [P].
+        is_diffuse: Whether each is diffuse, shape [P].
+    """
+    kept = np.flatnonzero(~is_diffuse)
+    columns = {name: getattr(paths, name)[kept] for name in SAMPLE_COLUMNS}
+    tracks = tracks_from_rows(replace(paths, link=paths.link[kept], **columns), path_id[kept])
+    births = tracks.is_birth & ~_begins_with_link(tracks, paths)
+    steps = np.abs(level_steps_db(tracks))
+    survivors = survival(tracks, births)
     return {
-        "births_per_link_frame": births / len(links),
-        "births_that_continue": continued / max(births, 1),
-        "jumps": jumps / max(pairs, 1),
+        "births": int(births.sum()),
+        "births_per_link_frame": births.sum() / paths.link_count,
+        "births_that_continue": _share(continues_old_path(tracks, SAME_LENGTH_M / SPEED_OF_LIGHT)[births]),
+        "jumps": _share(steps > JUMP_DB),
+        "lives_of_one_frame": 1.0 - survivors[1] if births.any() else None,
+        "median_life_s": median_lifetime(tracks, births),
+        "survivors_at_end": survivors[-1] if births.any() else None,
     }
 
 
-def pole_levels(data: SceneData, paths: PathSet, weather: str) -> np.ndarray:
+def _begins_with_link(tracks: PathTracks, paths: CarrierPaths) -> np.ndarray:
+    """Return True for tracks that begin in the first frame of their link, whose paths before are not known."""
+    first: dict[tuple[str, ...], int] = {}
+    for key in paths.keys:
+        name = tuple(key[part] for part in LINK_NAMES)
+        first[name] = min(int(key["frame"]), first.get(name, int(key["frame"])))
+    names = list(zip(*(getattr(tracks, part) for part in LINK_NAMES), strict=True))
+    return tracks.birth == np.array([first[name] for name in names], dtype=np.int64)[tracks.link]
+
+
+def dispersion(paths: CarrierPaths) -> Record:
+    """Return percentiles over the links that have a path: number of paths, K-factors, spreads of delay and angles."""
+    values = {
+        "paths": paths.path_count,
+        "k_los_db": _db(st.k_factor(paths)),
+        "k_strongest_db": _db(st.k_factor_of_strongest(paths)),
+        "k_moments_db": _db(st.k_factor_by_moments(paths)),
+        "delay_spread_ns": 1e9 * st.rms_delay_spread(paths),
+        "azimuth_departure_deg": np.degrees(st.azimuth_spread(paths, "tx")),
+        "azimuth_arrival_deg": np.degrees(st.azimuth_spread(paths, "rx")),
+        "zenith_departure_deg": np.degrees(st.zenith_spread(paths, "tx")),
+        "zenith_arrival_deg": np.degrees(st.zenith_spread(paths, "rx")),
+    }
+    is_heard = np.isfinite(st.path_loss_db(paths))
+    out: Record = {"links": int(is_heard.sum())}
+    if is_heard.any():  # a percentile that is itself a value: between a number and infinity there is none
+        for name, each in values.items():
+            out[name] = np.percentile(each[is_heard], PERCENTILES, method="inverted_cdf").tolist()
+    return out
+
+
+def _db(ratio: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore"):
+        return 10.0 * np.log10(ratio)
+
+
+def _share(values: np.ndarray) -> float | None:
+    return float(values.mean()) if len(values) else None
+
+
+def pole_levels(data: SceneData, paths: PathSet, carrier: int) -> np.ndarray:
     """Return the levels of reflections at poles and traffic lights over free space of their length [dB]."""
     labels = np.array([item.label for item in data.objects])
     own = (paths.order == 1) & (paths.interaction[:, 0] == SPECULAR)
     own &= np.isin(labels[np.maximum(paths.object_id[:, 0], 0)], ("pole", "traffic_light"))
-    free = SPEED_OF_LIGHT / paths.carriers_hz[0] / (4.0 * np.pi * paths.tau[own] * SPEED_OF_LIGHT)
-    level = np.abs(paths.transfer[weather][own, 0]).max(axis=(1, 2))
+    free = SPEED_OF_LIGHT / paths.carriers_hz[carrier] / (4.0 * np.pi * paths.tau[own] * SPEED_OF_LIGHT)
+    level = np.abs(paths.transfer[WEATHER][own, carrier]).max(axis=(1, 2))
     return 20.0 * np.log10(np.maximum(level / free, 1e-12))
 
 
-def measure(scenario: str, physics: str, frame_count: int, device: str) -> dict[str, object]:
-    """Return the statistics of the first frames of a scenario of the paper."""
+def statistics_of(data: SceneData, links: Links, paths: PathSet) -> list[Record]:
+    """Return the statistics of links at each carrier.
+
+    Args:
+        data: The scene.
+        links: Links of successive frames.
+        paths: Their paths.
+    """
+    state = paths.los_state(WEATHER)
+    shares = {name: float((state == row).mean()) for row, name in enumerate(LOS_STATES)}
+    has_sight = state != LOS_STATES.index("blocked")
+    out = []
+    for number, carrier in enumerate(paths.carriers_hz):
+        rows = rows_from_paths(links, paths, WEATHER, carrier)
+        poles = pole_levels(data, paths, number)
+        out.append(
+            {
+                "carrier_hz": float(carrier),
+                "links": len(links),
+                "without_path": float((paths.count == 0).mean()),
+                **shares,
+                "distance_m": float(np.median(np.linalg.norm((links.rx.position - links.tx.position)[:, :2], axis=1))),
+                **lives(rows, paths.path_id, paths.kind == PATH_DIFFUSE),
+                "los": dispersion(rows.take(has_sight)),
+                "nlos": dispersion(rows.take(~has_sight)),
+                "pole_paths": len(poles),
+                "pole_level_db": float(np.median(poles)) if len(poles) else None,
+            }
+        )
+    return out
+
+
+def burst_frames(frames: np.ndarray, length: int, bursts: int) -> list[int]:
+    """Return bursts of successive frames, spread evenly over a scenario.
+
+    Args:
+        frames: Frames of the scenario, growing, shape [F].
+        length: Frames of a burst.
+        bursts: Number of bursts; the first begins with the scenario, the last of several ends with it.
+
+    Raises:
+        ValueError: If the scenario has too few frames.
+    """
+    if length * bursts > len(frames):
+        raise ValueError(f"{bursts} bursts of {length} frames; the scenario has {len(frames)}: ask for fewer")
+    begins = np.linspace(0, len(frames) - length, bursts).astype(int)
+    return [int(frame) for begin in begins for frame in frames[begin : begin + length]]
+
+
+def measure(scenario: str, physics: str, length: int, bursts: int, device: str) -> list[Record]:
+    """Return the statistics of a scenario of the paper over bursts of successive frames, a record for each carrier."""
     whole = load_config("full", [f"channel.physics={physics}"])
-    scene = load_scene(whole, scenario=scenario, weather=["sunny"], device=device)
-    data, on_device = scene.arrays, DeviceScene(scene.arrays, scene.device, frame_count)
-    frames = list(data.frames[:frame_count])
+    scene = load_scene(whole, scenario=scenario, weather=[WEATHER], device=device)
+    data = scene.arrays
+    frames = burst_frames(data.frames, length, bursts)
+    on_device = DeviceScene(data, scene.device, len(frames))
     on_device.load_batch(frames)
     config = whole.channel
     links = make_links(data, frames, config)
     table = make_surface_table(on_device, **config.surface_options)
     began = time.perf_counter()
     paths = solve_paths(on_device, links, config, data.materials, table, air=scene.weathers)
-    poles = pole_levels(data, paths, "sunny")
-    return {
-        "scenario": scenario,
-        "physics": physics,
-        "frames": len(frames),
-        "links": len(links),
-        "solve_s": round(time.perf_counter() - began, 2),
-        "without_path": float((paths.count == 0).mean()),
-        "paths_per_link": len(paths) / len(links),
-        **lives(links, paths, "sunny"),
-        "pole_paths": len(poles),
-        "pole_level_db": float(np.median(poles)) if len(poles) else None,
-    }
+    head = {"scenario": scenario, "physics": physics, "frames": length, "bursts": bursts}
+    seconds = {"solve_s": time.perf_counter() - began}
+    return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths)]
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON has it: floats of a few digits, `inf` and `-inf` as text, NaN as null."""
+    if isinstance(value, dict):
+        return {name: _plain(own) for name, own in value.items()}
+    if isinstance(value, list):
+        return [_plain(own) for own in value]
+    if isinstance(value, float):
+        if np.isnan(value):
+            return None
+        return float(f"{value:.{DIGITS}g}") if np.isfinite(value) else str(float(value))
+    return value
+
+
+def store(file: Path, records: list[Record]) -> None:
+    """Write records into a file, in place of those of the same scenario, preset and carrier, sorted by these."""
+    with FileLock(Path(tempfile.gettempdir()) / f"{file.name}.lock"):  # several calls may fill one file
+        old = json.loads(file.read_text())["records"] if file.exists() else []
+        by_key = {(own["scenario"], own["physics"], own["carrier_hz"]): own for own in [*old, *records]}
+        lines = ",\n".join(json.dumps(by_key[key]) for key in sorted(by_key))
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f'{{"records": [\n{lines}\n]}}\n')
 
 
 def main() -> None:
-    """Print the statistics."""
+    """Print the statistics, and store them."""
     names = [scenario.name for scenario in load_config("full").scenarios]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--physics", nargs="+", default=["paper", "standard"], choices=list(PHYSICS_PRESETS))
+    parser.add_argument("--physics", nargs="+", default=list(PHYSICS_PRESETS), choices=list(PHYSICS_PRESETS))
     parser.add_argument("--scenarios", nargs="+", default=names, choices=names, metavar="NAME")
-    parser.add_argument("--frames", type=int, default=40, help="first frames of each scenario")
+    parser.add_argument("--frames", type=int, default=40, help="successive frames of a burst")
+    parser.add_argument("--bursts", type=int, default=1, help="bursts, spread over each scenario")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
+    parser.add_argument("--json", type=Path, help="file that the statistics are stored in")
     options = parser.parse_args()
     for scenario in options.scenarios:
         for physics in options.physics:
-            print(json.dumps(measure(scenario, physics, options.frames, options.device)), flush=True)
+            records = measure(scenario, physics, options.frames, options.bursts, options.device)
+            for record in records:
+                print(json.dumps(record), flush=True)
+            if options.json is not None:
+                store(options.json, records)
 
 
 if __name__ == "__main__":

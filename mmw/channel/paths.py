@@ -120,6 +120,14 @@ class PathSet:
             loss_db={w: {name: values[rows] for name, values in one.items()} for w, one in self.loss_db.items()},
         )
 
+    def los_state(self, weather: str) -> np.ndarray:
+        """Return the state of the line of sight of each link, a row of `LOS_STATES`, shape [L]."""
+        state = np.full(len(self.count), LOS_STATES.index("blocked"))
+        sight = np.flatnonzero(self.kind == PATH_LOS)
+        in_foliage = self.loss_db[weather]["foliage_db"][sight].any(axis=1)
+        state[self.link[sight]] = np.where(in_foliage, LOS_STATES.index("foliage"), LOS_STATES.index("clear"))
+        return state
+
     @property
     def doppler_hz(self) -> np.ndarray:
         """Doppler shift -f / c times the range rate [Hz], shape [P, C]."""

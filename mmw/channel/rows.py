@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import Links
-from mmw.channel.paths import LOS_STATES, PATH_KINDS, PATH_LOS, PathSet
+from mmw.channel.paths import LOS_STATES, PATH_KINDS, PathSet
 from mmw.scene.table_rows import Columns, choices
 
 
@@ -19,10 +19,7 @@ def link_rows(
     `rx_antenna` count, `kinds` those of `kind`.
     """
     count, carriers = len(links), len(paths.carriers_hz)
-    los_state = np.full(count, LOS_STATES.index("blocked"))
-    sight = np.flatnonzero(paths.kind == PATH_LOS)
-    in_foliage = paths.loss_db[weather]["foliage_db"][sight].any(axis=1)
-    los_state[paths.link[sight]] = np.where(in_foliage, LOS_STATES.index("foliage"), LOS_STATES.index("clear"))
+    los_state = paths.los_state(weather)
     power = np.abs(paths.a[weather]) ** 2
     doppler = paths.doppler_hz
 

@@ -15,7 +15,8 @@ from mmw.core.errors import InputError
 
 __all__ = [
     "antenna_power", "azimuth_spread", "coherence_bandwidth", "doppler_spread", "frequency_correlation", "k_factor",
-    "mean_delay", "mean_doppler", "path_loss_db", "rms_delay_spread", "zenith_spread",
+    "k_factor_by_moments", "k_factor_of_strongest", "mean_delay", "mean_doppler", "path_loss_db", "rms_delay_spread",
+    "zenith_spread",
 ]  # fmt: skip
 
 
@@ -74,10 +75,54 @@ def k_factor(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray
     Infinite if there is the line of sight alone, 0 without it. Source: 3GPP TR 38.901, equation 7.5-30.
     """
     power = _power(paths, power)
-    los = _total(paths, np.where(paths.is_los, power, 0.0))
-    rest = _total(paths, np.where(paths.is_los, 0.0, power))
-    alone = np.where(los > 0, np.inf, np.nan)
-    return np.where(rest > 0, los / np.where(rest > 0, rest, 1.0), alone)
+    return _ratio(paths, np.where(paths.is_los, power, 0.0), np.where(paths.is_los, 0.0, power))
+
+
+def k_factor_of_strongest(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the K-factor of the strongest path: its power over that of all other paths, linear, shape [L].
+
+    It is `k_factor` where the line of sight is the strongest, infinite if there is one path alone; it is defined
+    without line of sight too. Source: the Rice factor of a dominant component, A. F. Molisch, Wireless Communications,
+    2nd edition, section 5.5.
+    """
+    power = _power(paths, power)
+    is_strongest = _is_strongest(paths, power)
+    return _ratio(paths, np.where(is_strongest, power, 0.0), np.where(is_strongest, 0.0, power))
+
+
+def k_factor_by_moments(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:
+    """Return the K-factor of the narrowband gain by the method of moments, linear, shape [L].
+
+    The method takes mean G and variance V of |h|^2: K = sqrt(1 - V / G^2) / (1 - sqrt(1 - V / G^2)). Phases of paths
+    that are independent and uniform give G = sum P and V = G^2 - sum P^2, so that K = q / (sum P - q) with
+    q = sqrt(sum P^2). Two equal paths have K = 2.41, N equal paths about 1 / sqrt(N); one path alone has infinity.
+
+    Source: L. J. Greenstein, D. G. Michelson and V. Erceg, "Moment-method estimation of the Ricean K-factor", IEEE
+    Communications Letters 3(6), 1999; the moments for uniform phases follow from E|h|^4 = 2 G^2 - sum P^2.
+    """
+    power = _power(paths, power)
+    others = np.where(_is_strongest(paths, power), 0.0, power)
+    constant, strongest = np.sqrt(_total(paths, power**2)), _total(paths, power - others)
+    # sum P - q without cancellation where one path is far above the others: q - P_0 = sum of others^2 / (q + P_0)
+    both = np.where(constant > 0, constant + strongest, 1.0)
+    rest = _total(paths, others) - _total(paths, others**2) / both
+    alone = np.where(constant > 0, np.inf, np.nan)
+    return np.where(rest > 0, constant / np.where(rest > 0, rest, 1.0), alone)
+
+
+def _is_strongest(paths: CarrierPaths, power: np.ndarray) -> np.ndarray:
+    """Return True for one path a link, that of the most power, shape [P]."""
+    order = np.lexsort((power, paths.link))
+    out = np.zeros(len(paths), dtype=bool)
+    out[order[np.cumsum(paths.path_count)[paths.path_count > 0] - 1]] = True
+    return out
+
+
+def _ratio(paths: CarrierPaths, dominant: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the power of some paths over that of the others, infinite without others, shape [L]."""
+    above, rest = _total(paths, dominant), _total(paths, others)
+    alone = np.where(above > 0, np.inf, np.nan)
+    return np.where(rest > 0, above / np.where(rest > 0, rest, 1.0), alone)
 
 
 def mean_delay(paths: CarrierPaths, power: np.ndarray | None = None) -> np.ndarray:

@@ -64,6 +64,29 @@ def test_links_against_scipy() -> None:
         assert st.path_loss_db(paths, power)[link] == pytest.approx(-10 * np.log10(repeat.sum()))
 
 
+def test_k_factors_of_a_strongest_path_in_closed_form() -> None:
+    """Powers 1, 9 and 4: the strongest is not the line of sight; q = sqrt(1 + 81 + 16)."""
+    paths = two_paths([1e-7, 2e-7, 3e-7], [1.0, 3.0j, -2.0])
+    assert st.k_factor(paths).item() == pytest.approx(1 / 13, rel=1e-12)
+    assert st.k_factor_of_strongest(paths).item() == pytest.approx(9 / 5, rel=1e-12)
+    assert st.k_factor_by_moments(paths).item() == pytest.approx(np.sqrt(98) / (14 - np.sqrt(98)), rel=1e-12)
+    two = two_paths([1e-7, 2e-7], [1.0, 1.0])
+    assert st.k_factor_by_moments(two).item() == pytest.approx(1 + np.sqrt(2), rel=1e-12)
+    assert st.k_factor_of_strongest(two).item() == 1.0  # one of two equal ones is the strongest
+    faint = two_paths([1e-7, 2e-7], [1.0, 1e-10])  # K = 1 / P_1 to first order, with all its digits
+    assert st.k_factor_by_moments(faint).item() == pytest.approx(1e20, rel=1e-12)
+
+
+def test_k_factor_by_moments_is_that_of_drawn_phases() -> None:
+    """The moments of |h|^2 over 10^6 draws of phases give K; their error is 1 / sqrt(10^6) and a few times more."""
+    rng = np.random.default_rng(4)
+    level = np.array([1.0, 0.5, 0.4, 0.3, 0.2])
+    paths = two_paths(list(1e-7 * np.arange(1, 6)), list(level))
+    gain = np.abs(np.exp(2j * np.pi * rng.random((10**6, 5))) @ level) ** 2
+    root = np.sqrt(1.0 - gain.var() / gain.mean() ** 2)
+    assert st.k_factor_by_moments(paths).item() == pytest.approx(root / (1.0 - root), rel=0.01)
+
+
 def test_spread_of_nearly_equal_directions_keeps_its_digits() -> None:
     paths = two_paths([1e-7, 2e-7], [1.0, 1.0])
     paths = CarrierPaths(**{**vars(paths), "phi_t": np.array([2.0, 2.0 + 2e-9])})
@@ -73,7 +96,8 @@ def test_spread_of_nearly_equal_directions_keeps_its_digits() -> None:
 def test_nothing_is_nan() -> None:
     paths = rows_with_an_empty_link()
     functions = [
-        st.path_loss_db, st.k_factor, st.mean_delay, st.rms_delay_spread, st.mean_doppler, st.doppler_spread,
+        st.path_loss_db, st.k_factor, st.k_factor_of_strongest, st.k_factor_by_moments, st.mean_delay,
+        st.rms_delay_spread, st.mean_doppler, st.doppler_spread,
         st.coherence_bandwidth,
     ]  # fmt: skip
     silent = np.where(paths.link == 0, 0.0, 1.0)
@@ -96,6 +120,7 @@ def test_one_path() -> None:
     paths = two_paths([1e-7], [1e-5])
     assert st.k_factor(paths).item() == np.inf and st.coherence_bandwidth(paths).item() == np.inf
     assert st.rms_delay_spread(paths).item() == 0.0 and st.azimuth_spread(paths, "rx").item() == 0.0
+    assert st.k_factor_of_strongest(paths).item() == st.k_factor_by_moments(paths).item() == np.inf
     blocked = CarrierPaths(**{**vars(paths), "is_los": np.zeros(1, dtype=bool)})
     assert st.k_factor(blocked).item() == 0.0
 

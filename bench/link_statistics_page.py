@@ -1,0 +1,208 @@
+"""Write the page `docs/reference/channel-statistics.md` from what `bench.link_statistics` stored.
+
+python -m bench.link_statistics_page
+"""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.link_statistics import JUMP_DB, PERCENTILES, SAME_LENGTH_M
+from mmw.channel.tr38901 import LogNormal, street_canyon
+from mmw.config.physics_presets import PHYSICS_PRESETS
+
+ROOT = Path(__file__).parents[1]
+FILE = ROOT / "docs" / "reference" / "data" / "channel_statistics.json"
+PAGE = ROOT / "docs" / "reference" / "channel-statistics.md"
+
+DISTANCE_M = 30.0
+"""Distance at which the zenith spread of departure of TR 38.901 is shown [m]; the other spreads have none."""
+
+NO_VALUE = "-"
+
+SPREADS = {
+    "delay_spread_ns": "DS [ns]", "azimuth_departure_deg": "ASD [deg]", "azimuth_arrival_deg": "ASA [deg]",
+    "zenith_departure_deg": "ZSD [deg]", "zenith_arrival_deg": "ZSA [deg]",
+}  # fmt: skip
+"""Key of a record -> heading."""
+
+HEAD = f"""# Channel statistics
+
+Measured over the links from the roadside unit to the CAVs, with one vertical dipole at both ends, in dry weather, by [preset of the physics](../concepts/channel.md#options). Numbers as data: [channel_statistics.json](data/channel_statistics.json), filled by
+
+```bash
+python -m bench.link_statistics --json docs/reference/data/channel_statistics.json --frames 40
+python -m bench.link_statistics_page
+```
+
+The first command replaces only what it measures (`--scenarios`, `--physics`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
+
+- Paths count as resolved: powers add. A link of one frame is a link-frame.
+- Cells with three numbers are the median and, in parentheses, the {PERCENTILES[0]}th and {PERCENTILES[2]}th percentile.
+"""  # noqa: E501
+
+LIVES = f"""
+## Lives of paths
+
+Identifiers `path_id` over successive frames, diffuse paths left out.
+
+- **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, shares where a path of nearly the same length (within {SAME_LENGTH_M:g} m) ended there
+- **life**: median lifetime after a birth by the estimator of Kaplan and Meier, which counts paths that outlast the recording; **one frame**: share of lives that end after their first frame
+- **jumps**: steps of more than {JUMP_DB:g} dB from one frame to the next of one path
+"""  # noqa: E501
+
+DISPERSION = f"""
+- **K**: power of the strongest path over that of all others; in rows of TR 38.901 that of the line of sight over the rest
+- **K, moments**: K-factor of the narrowband gain by the method of moments (Greenstein et al. 1999) for uniform phases
+- **DS**, **ASD**, **ASA**, **ZSD**, **ZSA**: rms delay spread, and circular spreads of azimuth and zenith of departure (at the roadside unit) and arrival, 3GPP TR 38.901, Annex A.1
+- **TR 38.901**: UMi street canyon, table 7.5-6, ZSD of table 7.5-8 at {DISTANCE_M:g} m; its base station is 10 m high, its spreads of azimuth end at 104 deg, those of zenith at 52 deg
+- **median scenario**: median of the column over the scenarios of the preset
+- `inf`: there is one path only
+"""  # noqa: E501
+
+
+def channel_statistics_page(records: list[dict[str, Any]]) -> str:
+    """Return the page as Markdown.
+
+    Args:
+        records: Records of `bench.link_statistics`.
+    """
+    ranks = list(PHYSICS_PRESETS)
+    records = sorted(records, key=lambda own: (own["scenario"], ranks.index(own["physics"]), own["carrier_hz"]))
+    carriers = sorted({own["carrier_hz"] for own in records})
+    once = [own for own in records if own["carrier_hz"] == carriers[0]]
+    lines = [HEAD, *_measured(once), *_sights(once), LIVES, *_lives(records, carriers)]
+    for is_los, title in ((True, "With line of sight"), (False, "Without line of sight")):
+        lines += ["", f"## {title}", "", _state_text(is_los)]
+        lines += [DISPERSION] if is_los else [""]
+        for carrier in carriers:
+            own = [each for each in records if each["carrier_hz"] == carrier]
+            lines += [f"### {title}, {carrier / 1e9:g} GHz", "", *_dispersion(own, carrier, is_los), ""]
+        lines.pop()
+    return "\n".join(lines) + "\n"
+
+
+def _state_text(is_los: bool) -> str:
+    if is_los:
+        return "Link-frames whose line of sight is clear or passes foliage."
+    return "Link-frames whose line of sight is blocked and that have a path."
+
+
+def _measured(records: list[dict[str, Any]]) -> list[str]:
+    """Return which presets have which frames."""
+    by_preset: dict[str, list[dict[str, Any]]] = {}
+    for own in records:
+        by_preset.setdefault(own["physics"], []).append(own)
+    out = []
+    for physics, group in by_preset.items():
+        shapes = sorted({(own["bursts"], own["frames"]) for own in group})
+        text = ", ".join(f"{bursts} x {frames}" for bursts, frames in shapes)
+        out.append(f"- `{physics}`: scenarios {len(group)}; bursts x successive frames of 1/100 s {text}")
+    return out
+
+
+def _sights(records: list[dict[str, Any]]) -> list[str]:
+    head = "| scenario | preset | link-frames | distance [m] | clear | foliage | blocked | without path |"
+    lines = ["", "## Line of sight and outage", "", "Shares of link-frames [%]; median horizontal distance.", "", head]
+    lines.append("|---|---|---|---|---|---|---|---|")
+    for own in records:
+        shares = (_percent(own[name]) for name in ("clear", "foliage", "blocked", "without_path"))
+        cells = (own["scenario"], own["physics"], str(own["links"]), f"{own['distance_m']:.0f}", *shares)
+        lines.append(_row(cells))
+    return lines
+
+
+def _lives(records: list[dict[str, Any]], carriers: list[float]) -> list[str]:
+    """Return the table of lives; the set of paths is that of all carriers, their levels are not."""
+    jumps = [f"jumps, {carrier / 1e9:g} GHz [%]" for carrier in carriers]
+    lines = [_row(["scenario", "preset", "births", "continue [%]", "life [ms]", "one frame [%]", *jumps])]
+    lines.append("|" + "---|" * (6 + len(jumps)))
+    by_case: dict[tuple[str, str], dict[float, dict[str, Any]]] = {}
+    for own in records:
+        by_case.setdefault((own["scenario"], own["physics"]), {})[own["carrier_hz"]] = own
+    for case, by_carrier in by_case.items():
+        own = next(iter(by_carrier.values()))
+        shares = _percent(own["births_that_continue"]), _life(own), _percent(own["lives_of_one_frame"])
+        steps = (_percent(by_carrier[each]["jumps"]) if each in by_carrier else NO_VALUE for each in carriers)
+        lines.append(_row([*case, f"{own['births_per_link_frame']:.2g}", *shares, *steps]))
+    return lines
+
+
+def _life(own: dict[str, Any]) -> str:
+    if own["median_life_s"] is None:
+        return NO_VALUE
+    if own["median_life_s"] == "inf":
+        return "longer than the recording"
+    return f"{1e3 * own['median_life_s']:.0f}"
+
+
+def _dispersion(records: list[dict[str, Any]], carrier_hz: float, is_los: bool) -> list[str]:
+    names = ["paths", "k_strongest_db", "k_moments_db", *SPREADS]
+    lines = [_row(["scenario", "preset", "link-frames", "paths", "K [dB]", "K, moments [dB]", *SPREADS.values()])]
+    lines.append("|" + "---|" * (len(names) + 3))
+    lines.append(_row(["TR 38.901", "", "", "", *_canyon(carrier_hz, is_los)]))
+    by_preset: dict[str, list[dict[str, Any]]] = {}
+    rows = []
+    for own in records:
+        part = own["los" if is_los else "nlos"]
+        if part["links"]:
+            by_preset.setdefault(own["physics"], []).append(part)
+            rows.append(_row([own["scenario"], own["physics"], str(part["links"]), *_cells(part, names)]))
+    for physics, parts in by_preset.items():
+        middle = _cells({n: np.median([_numbers(part[n]) for part in parts], axis=0) for n in names}, names)
+        lines.append(_row(["median scenario", physics, str(sum(part["links"] for part in parts)), *middle]))
+    return lines + rows
+
+
+def _cells(part: dict[str, Any], names: list[str]) -> list[str]:
+    return [_three(part[name], is_count=name == "paths") for name in names]
+
+
+def _canyon(carrier_hz: float, is_los: bool) -> list[str]:
+    """Return the cells of the street canyon of TR 38.901 from K on."""
+    own = street_canyon(carrier_hz, is_los, DISTANCE_M)
+    k_factor = NO_VALUE
+    if own.k_factor_db is not None:
+        decile = LogNormal(*own.k_factor_db)
+        k_factor = _three([float(np.log10(value)) for value in decile.percentiles])
+    delay = [1e9 * value for value in own.delay_spread_s.percentiles]
+    angles = (
+        own.azimuth_spread_departure_deg, own.azimuth_spread_arrival_deg, own.zenith_spread_departure_deg,
+        own.zenith_spread_arrival_deg,
+    )  # fmt: skip
+    return [k_factor, NO_VALUE, _three(delay), *(_three(list(each.percentiles)) for each in angles)]
+
+
+def _numbers(values: Iterable[Any]) -> list[float]:
+    return [float(value) for value in values]
+
+
+def _three(values: Iterable[Any], *, is_count: bool = False) -> str:
+    low, middle, high = (f"{value:g}" if is_count else _short(value) for value in _numbers(values))
+    return f"{middle} ({low}, {high})"
+
+
+def _short(value: float) -> str:
+    if not np.isfinite(value):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= 10 or value == 0 else f"{value:.1f}"
+
+
+def _percent(share: float | None) -> str:
+    return NO_VALUE if share is None else f"{100 * share:.1f}"
+
+
+def _row(cells: Iterable[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(channel_statistics_page(json.loads(FILE.read_text())["records"]), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,58 @@
+"""Lives of paths against a recording worked out by hand and the memoryless law."""
+
+import numpy as np
+import pytest
+
+from mmw.channel.path_table import KEY_TYPE, CarrierPaths
+from mmw.channel.path_tracks import PathTracks, tracks_from_rows
+from mmw.channel.track_statistics import continues_old_path, level_steps_db, median_lifetime, survival
+
+
+def tracks_of(rows: list[tuple[int, int, float, float]], frames: int) -> PathTracks:
+    """Return the tracks of one link from rows of frame, path_id, delay [ns] and |a|."""
+    rows = sorted(rows)
+    keys = np.empty(frames, dtype=KEY_TYPE)
+    for frame in range(frames):
+        keys[frame] = ("town", "sunny", frame, "cav_1", "rsu_1", "antenna", "antenna")
+    frame, name, delay, level = (np.array(column) for column in zip(*rows, strict=True))
+    zeros = np.zeros(len(rows))
+    paths = CarrierPaths(
+        carrier_hz=28e9, keys=keys, link=frame.astype(np.int64), row=np.arange(len(rows)),
+        is_los=np.zeros(len(rows), dtype=bool), tau=1e-9 * delay, transfer=np.zeros((len(rows), 2, 2), dtype=complex),
+        a=level.astype(complex), theta_t=zeros, phi_t=zeros, theta_r=zeros, phi_r=zeros, doppler_hz=zeros,
+    )  # fmt: skip
+    return tracks_from_rows(paths, name.astype(np.int64))
+
+
+def test_a_recording_by_hand() -> None:
+    """Path 1 is there from the start; 2 lives one frame, 3 goes on where 2 was, 4 and 5 outlast the recording."""
+    rows = [(f, 1, 100.0, 1.0 + (f == 2)) for f in range(4)]
+    rows += [(1, 2, 200.0, 1.0), (2, 3, 200.2, 1.0), (3, 3, 200.4, 0.0), (4, 3, 200.6, 0.0)]
+    rows += [(3, 4, 200.4, 1.0), (4, 4, 300.0, 1.0), (5, 4, 300.0, 1.0), (5, 5, 9.0, 1.0)]
+    tracks = tracks_of(rows, 6)
+    by_name = dict(zip(tracks.path_id, continues_old_path(tracks, 1e-9), strict=True))
+    assert by_name == {1: False, 2: False, 3: True, 4: False, 5: False}
+    assert not continues_old_path(tracks, 0.1e-9).any()
+    # births are 2, 3, 4, 5: of four one ends after a frame; of the two that are known longer, one after three
+    np.testing.assert_allclose(survival(tracks), [1.0, 0.75, 0.75, 0.375])
+    assert median_lifetime(tracks) == pytest.approx(0.03)
+    assert median_lifetime(tracks, tracks.path_id == 5) == np.inf
+    assert np.isnan(median_lifetime(tracks, np.zeros(5, dtype=bool)))
+    steps = level_steps_db(tracks)
+    assert len(steps) == 3 + 0 + 2 + 2 + 0
+    np.testing.assert_allclose(steps[:3], [0.0, 20 * np.log10(2), -20 * np.log10(2)])
+    assert steps[3] == -np.inf and steps[4] == 0.0
+
+
+def test_survival_of_a_memoryless_law_does_not_depend_on_the_end() -> None:
+    """Paths that die with 10 % a frame: S(n) = 0.9^n, though most are cut off; 4 standard deviations of 3,000."""
+    rng = np.random.default_rng(5)
+    rows = []
+    for name in range(3000):
+        begin = 1 + name % 14
+        rows += [(f, name, 1.0, 1.0) for f in range(begin, min(begin + rng.geometric(0.1), 15))]
+    tracks = tracks_of(rows, 15)
+    share = survival(tracks)
+    assert tracks.is_death.mean() < 0.6
+    np.testing.assert_allclose(share[:11], 0.9 ** np.arange(11), atol=4 * np.sqrt(0.25 / 1000))
+    assert median_lifetime(tracks) == pytest.approx(0.07, abs=0.011)  # 0.9^7 = 0.478
