@@ -41,8 +41,14 @@ WEATHER = "sunny"
 SAME_LENGTH_M = 0.1
 """Largest change of length between two frames of what counts as one path [m]: 10 m/s over 0.01 s."""
 
+SAME_WAVE_RAD = np.radians(2.0)
+"""Largest change of the directions of departure and arrival of what counts as one wave: 0.5 m at 15 m."""
+
 JUMP_DB = 3.0
 """Change of the level of one path from frame to frame that counts as a jump [dB]."""
+
+RANGE_DB = 40.0
+"""Paths weaker than the strongest of their link by more do not count among the lives [dB]: the range of the presets."""
 
 PERCENTILES = (10, 50, 90)
 
@@ -51,14 +57,20 @@ DIGITS = 4
 
 
 def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray) -> Record:
-    """Return how paths live over successive frames; diffuse ones, which exist in one frame each, are left out.
+    """Return how paths live over successive frames.
+
+    Diffuse ones, which exist in one frame each, are left out, and paths far below the strongest of their link, which a
+    dataset has because they count at another carrier.
 
     Args:
         paths: Paths of one carrier.
         path_id: Identifier of each, shape [P].
         is_diffuse: Whether each is diffuse, shape [P].
     """
-    kept = np.flatnonzero(~is_diffuse)
+    level = np.abs(paths.a)
+    strongest = np.zeros(paths.link_count)
+    np.maximum.at(strongest, paths.link, level)
+    kept = np.flatnonzero(~is_diffuse & (level > 10.0 ** (-RANGE_DB / 20.0) * strongest[paths.link]))
     columns = {name: getattr(paths, name)[kept] for name in SAMPLE_COLUMNS}
     tracks = tracks_from_rows(replace(paths, link=paths.link[kept], **columns), path_id[kept])
     births = tracks.is_birth & ~_begins_with_link(tracks, paths)
@@ -68,6 +80,7 @@ def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray) -> R
         "births": int(births.sum()),
         "births_per_link_frame": births.sum() / paths.link_count,
         "births_that_continue": _share(continues_old_path(tracks, SAME_LENGTH_M / SPEED_OF_LIGHT)[births]),
+        "births_of_one_wave": _share(continues_old_path(tracks, SAME_LENGTH_M / SPEED_OF_LIGHT, SAME_WAVE_RAD)[births]),
         "jumps": _share(steps > JUMP_DB),
         "lives_of_one_frame": 1.0 - survivors[1] if births.any() else None,
         "median_life_s": median_lifetime(tracks, births),

@@ -3,6 +3,7 @@
 import numpy as np
 
 from mmw.channel.path_tracks import PathTracks
+from mmw.physics.em.vectors import unit_vector
 
 __all__ = ["continues_old_path", "level_steps_db", "median_lifetime", "survival"]
 
@@ -43,7 +44,7 @@ def median_lifetime(tracks: PathTracks, births: np.ndarray | None = None) -> flo
     return float(over[0] * tracks.step_s) if len(over) else float("inf")
 
 
-def continues_old_path(tracks: PathTracks, max_change_s: float) -> np.ndarray:
+def continues_old_path(tracks: PathTracks, max_change_s: float, max_turn_rad: float = np.pi) -> np.ndarray:
     """Return True for tracks that go on where another one of their link ended, shape [K], bool.
 
     The other one was there in the frame before the birth, and not in that of the birth, and the delays of both there
@@ -52,15 +53,27 @@ def continues_old_path(tracks: PathTracks, max_change_s: float) -> np.ndarray:
     Args:
         tracks: Tracks of paths.
         max_change_s: Largest change of delay from a frame to the next [s].
+        max_turn_rad: Largest change of the directions of departure and of arrival, which tells waves of one delay
+            apart [rad].
     """
     begin_delay, end_delay = tracks.tau[tracks.offset[:-1]], tracks.tau[tracks.offset[1:] - 1]
+    directions = [
+        (unit[tracks.offset[:-1]], unit[tracks.offset[1:] - 1])
+        for unit in (
+            unit_vector(tracks.theta_t, tracks.phi_t),
+            unit_vector(tracks.theta_r, tracks.phi_r),
+        )
+    ]
     out = np.zeros(len(tracks), dtype=bool)
     ended: dict[tuple[int, int], list[int]] = {}
     for track in np.flatnonzero(tracks.is_death):
         ended.setdefault((int(tracks.link[track]), int(tracks.death[track])), []).append(int(track))
     for track in np.flatnonzero(tracks.is_birth):
         before = ended.get((int(tracks.link[track]), int(tracks.birth[track]) - tracks.step), [])
-        out[track] = bool((np.abs(end_delay[before] - begin_delay[track]) < max_change_s).any())
+        fits = np.abs(end_delay[before] - begin_delay[track]) < max_change_s
+        for begins, ends in directions:
+            fits &= ends[before] @ begins[track] >= np.cos(max_turn_rad)
+        out[track] = bool(fits.any())
     return out
 
 

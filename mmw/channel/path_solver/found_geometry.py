@@ -31,7 +31,8 @@ def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, In
     width = None
     if table.outlines is not None:
         width = table.outlines.width[table.outlines.of_plane[table.plane[sides]]]
-        width[table.curved.is_curved[sides]] = np.inf  # a facet is no mirror of its own
+        if table.curved is not None:
+            width[table.curved.is_curved[sides]] = np.inf  # a facet is no mirror of its own
     return geometry, Interactions(
         material_id=gather(table.material_id, first_faces(found, table), found.kind != 0),
         wedges=wedges,

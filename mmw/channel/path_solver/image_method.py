@@ -217,7 +217,7 @@ def _refine(
     candidates.link, candidates.step = given.upload()
     candidates.is_plane = is_plane
     candidates.is_curved = facet is not None
-    if facet is not None:
+    if facet is not None and table.curved is not None:
         given_facet = wp.array(facet, dtype=wp.int32, device=device)
         wp.launch(
             curved_points_kernel,

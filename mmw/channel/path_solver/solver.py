@@ -23,7 +23,7 @@ from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.em.diffraction import DiffractionModel, is_lit
 from mmw.physics.em.field import PathGeometry, combine
 from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
-from mmw.physics.em.path_gain import Interactions, path_transfer
+from mmw.physics.em.path_gain import Interactions, path_transfer, wedge_terms_of
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 from mmw.physics.weather.weather import Weather
@@ -258,6 +258,7 @@ def _gains(
     elevation = np.pi / 2 - geometry.theta_t
     transfer, a, loss_db = {}, {}, {}
     in_foliage = foliage_loss_db(config.carriers_hz, trace.foliage_m)
+    terms = wedge_terms_of(geometry, interactions, config.carriers_hz, diffraction_model)
     for weather, by_id in materials.items():
         if trace.search.table.foliage is not None:
             by_id = with_scattering_foliage(by_id)
@@ -268,7 +269,7 @@ def _gains(
         loss_db[weather] = {**loss_db[weather], "foliage_db": in_foliage}
         remaining = 10.0 ** (-sum(loss_db[weather].values()) / 20.0)
         transfer[weather] = (
-            path_transfer(geometry, interactions, by_id, config.carriers_hz, diffraction_model)
+            path_transfer(geometry, interactions, by_id, config.carriers_hz, diffraction_model, terms)
             * remaining[:, :, None, None]
         )
         if trace.share is not None:

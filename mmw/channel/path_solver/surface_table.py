@@ -73,7 +73,7 @@ class SurfaceTable:
 
     @cached_property
     def is_mirror(self) -> np.ndarray | None:
-        """True for surfaces that reflect as flat ones, not foliage that waves pass or facets, shape [G]; None for all."""
+        """True for surfaces that reflect as flat ones, no passed foliage and no facets, shape [G]; None for all."""
         if self.foliage is None and self.curved is None:
             return None
         out = np.ones(len(self), dtype=bool)

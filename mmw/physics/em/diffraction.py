@@ -58,24 +58,26 @@ def is_lit(geometry: PathGeometry, hits: WedgeHits) -> np.ndarray:
     return phi_out <= np.pi + phi_in
 
 
-def wedge_matrices(
+@dataclass(frozen=True)
+class WedgeTerms:
+    """Terms of the theory at one carrier, which do not depend on the materials."""
+
+    d: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    """D1 to D4 of each diffraction, shape [Q] each, complex128."""
+    swap: np.ndarray
+    """Whether its second face is the 0-face, shape [Q]."""
+    is_dark: np.ndarray
+    """Whether the source does not see the n-face, shape [Q]."""
+
+
+def wedge_terms(
     geometry: PathGeometry,
     hits: WedgeHits,
-    material_id: np.ndarray,
-    response: SurfaceResponse,
     carrier_hz: float,
     model: DiffractionModel,
     width: np.ndarray | None = None,
-) -> np.ndarray:
-    """Return the matrix of each diffraction in the bases of `geometry`, shape [Q, 2, 2], complex128.
-
-    `utd`: -(D1 + D2) + R_0 D4 + R_n D3, which is exact for a perfect conductor (to the order of the theory) and makes
-    the whole field continuous across the shadow and reflection boundaries of any material. `sionna`: R_0 (D1 - D4) +
-    R_n (D2 - D3) with R_n = -1 where the second face is dark, as Sionna RT 2.2 computes it; it is continuous across the
-    shadow boundary only.
-
-    The edge between two facets of a curved surface is that of its rim: it has -(D1 + D2) alone, since what the surface
-    reflects has no boundary there.
+) -> WedgeTerms:
+    """Return the four terms of each diffraction.
 
     With finite faces, `utd` leaves out what the Kirchhoff integral over a face holds of its edge: the pole of the term
     at the boundary of reflection, as far as `mmw.physics.em.finite_surfaces.edge_share` says.
@@ -83,10 +85,8 @@ def wedge_matrices(
     Args:
         geometry: The paths.
         hits: Their diffractions.
-        material_id: Material of both faces, shape [Q, 2].
-        response: The materials at the carrier.
         carrier_hz: Carrier frequency [Hz].
-        model: Which of the two.
+        model: How they combine with the reflections; see `wedge_matrices`.
         width: Smaller extents of both faces [m], shape [Q, 2]; None if they reflect as if they were infinite.
     """
     k_in = geometry.direction[hits.path, hits.step]
@@ -105,16 +105,45 @@ def wedge_matrices(
         width_0 = np.where((phi_in < np.pi) & (phi_out < np.pi), wide[:, 0], np.nan)  # both in front of the face
         width_n = np.where((n * np.pi - phi_in < np.pi) & (n * np.pi - phi_out < np.pi), wide[:, 1], np.nan)
     d3, d4 = scale * _term(plus, 1.0, n, reach, width_n), scale * _term(plus, -1.0, n, reach, width_0)
+    return WedgeTerms((d1, d2, d3, d4), swap, n * np.pi > np.pi + phi_in)
+
+
+def wedge_matrices(
+    geometry: PathGeometry,
+    hits: WedgeHits,
+    terms: WedgeTerms,
+    material_id: np.ndarray,
+    response: SurfaceResponse,
+    model: DiffractionModel,
+) -> np.ndarray:
+    """Return the matrix of each diffraction in the bases of `geometry`, shape [Q, 2, 2], complex128.
+
+    `utd`: -(D1 + D2) + R_0 D4 + R_n D3, which is exact for a perfect conductor (to the order of the theory) and makes
+    the whole field continuous across the shadow and reflection boundaries of any material. `sionna`: R_0 (D1 - D4) +
+    R_n (D2 - D3) with R_n = -1 where the second face is dark, as Sionna RT 2.2 computes it; it is continuous across the
+    shadow boundary only.
+
+    The edge between two facets of a curved surface is that of its rim: it has -(D1 + D2) alone, since what the surface
+    reflects has no boundary there.
+
+    Args:
+        geometry: The paths.
+        hits: Their diffractions.
+        terms: `wedge_terms` of the diffractions at the carrier.
+        material_id: Material of both faces, shape [Q, 2].
+        response: The materials at the carrier.
+        model: Which of the two.
+    """
+    k_in = geometry.direction[hits.path, hits.step]
     described = zip((hits.normal_0, hits.normal_n), material_id.T, strict=True)
     faces = [_face(k_in, hits.edge, *face, response) for face in described]
-    swapped = swap[:, None, None]
+    swapped = terms.swap[:, None, None]
     r_0, r_n = np.where(swapped, faces[1], faces[0]), np.where(swapped, faces[0], faces[1])
-    d1, d2, d3, d4 = (d[:, None, None] for d in (d1, d2, d3, d4))
+    d1, d2, d3, d4 = (d[:, None, None] for d in terms.d)
     if model == "utd":
         has_mirrors = ~hits.is_curved[:, None, None]
         return np.where(has_mirrors, r_0 * d4 + r_n * d3, 0.0) - np.eye(2) * (d1 + d2)
-    is_dark = (n * np.pi > np.pi + phi_in)[:, None, None]
-    r_n = np.where(is_dark, -np.eye(2), r_n)
+    r_n = np.where(terms.is_dark[:, None, None], -np.eye(2), r_n)
     return r_0 * (d1 - d4) + r_n * (d2 - d3)
 
 

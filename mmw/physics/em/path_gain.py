@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, wedge_matrices, wedge_spreading
+from mmw.physics.em.diffraction import (
+    DiffractionModel,
+    WedgeHits,
+    WedgeTerms,
+    wedge_matrices,
+    wedge_spreading,
+    wedge_terms,
+)
 from mmw.physics.em.field import PathGeometry, plane_matrices, polarimetric_transfer
 from mmw.physics.em.scattering import (
     ScatteringPoints,
@@ -34,12 +41,29 @@ class Interactions:
     """The diffuse reflections among them."""
 
 
+def wedge_terms_of(
+    geometry: PathGeometry, interactions: Interactions, carriers_hz: tuple[float, ...], model: DiffractionModel = "utd"
+) -> tuple[WedgeTerms, ...]:
+    """Return the terms of all diffractions at every carrier, which are the same in all weathers.
+
+    Args:
+        geometry: The paths.
+        interactions: Their interactions.
+        carriers_hz: Carrier frequencies [Hz].
+        model: How wedges diffract.
+    """
+    return tuple(
+        wedge_terms(geometry, interactions.wedges, carrier, model, interactions.wedge_width) for carrier in carriers_hz
+    )
+
+
 def path_transfer(
     geometry: PathGeometry,
     interactions: Interactions,
     materials: tuple[Material, ...],
     carriers_hz: tuple[float, ...],
     model: DiffractionModel = "utd",
+    terms: tuple[WedgeTerms, ...] | None = None,
 ) -> np.ndarray:
     """Return the 2x2 polarimetric transfer of every path at every carrier, without carrier phase.
 
@@ -49,6 +73,7 @@ def path_transfer(
         materials: Materials of the weather by id.
         carriers_hz: Carrier frequencies [Hz].
         model: How wedges diffract.
+        terms: `wedge_terms_of` the paths, for several weathers; computed here when not given.
 
     Returns:
         Shape [P, C, 2, 2], complex128.
@@ -64,6 +89,8 @@ def path_transfer(
     row = np.where(interactions.material_id >= 0, interactions.material_id, 0)
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
+    if terms is None:
+        terms = wedge_terms_of(geometry, interactions, carriers_hz, model)
     amplitude = own = cosine = np.zeros(0)
     if has_wedges:
         spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
@@ -80,11 +107,10 @@ def path_transfer(
             matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
                 geometry,
                 interactions.wedges,
+                terms[column],
                 interactions.wedge_material,
                 response,
-                carrier,
                 model,
-                interactions.wedge_width,
             )
         scale = None
         if has_rough:

@@ -5,6 +5,9 @@ import numpy as np
 SERIES_BELOW = 6.0
 """Below this argument the complementary error function is summed by its series, above by its continued fraction."""
 
+FRACTION_TERMS = ((6.0, 120), (40.0, 24), (400.0, 8))
+"""Terms of the continued fraction from an argument on: enough for 1e-13."""
+
 
 def scaled_tail(x: np.ndarray) -> np.ndarray:
     """Return erfcx(sqrt(x) e^{j pi/4}) for real x >= 0, any shape, complex128: 1 at 0, toward 0 for large x.
@@ -14,17 +17,29 @@ def scaled_tail(x: np.ndarray) -> np.ndarray:
     Source: Abramowitz and Stegun 7.1.6 (series) and 7.1.14 (continued fraction).
     """
     z = np.sqrt(x) * np.exp(0.25j * np.pi)
-    small = np.where(x < SERIES_BELOW, z, 0.0)
-    term, total = small.copy(), small.copy()
+    out = np.full(np.shape(x), np.nan + 0j)
+    is_small = x < SERIES_BELOW
+    out[is_small] = _series(z[is_small])
+    ends = [*(begin for begin, _ in FRACTION_TERMS[1:]), np.inf]
+    for (begin, terms), end in zip(FRACTION_TERMS, ends, strict=True):
+        own = (x >= begin) & (x < end) if end < np.inf else x >= begin
+        out[own] = _fraction(z[own], terms)
+    return out
+
+
+def _series(z: np.ndarray) -> np.ndarray:
+    term, total = z.copy(), z.copy()
     for n in range(1, 70):
-        term = term * 2.0 * small**2 / (2 * n + 1)
+        term = term * 2.0 * z**2 / (2 * n + 1)
         total = total + term
-    series = np.exp(small**2) - 2.0 / np.sqrt(np.pi) * total
-    large = np.where(x < SERIES_BELOW, 3.0 + 0j, z)
-    fraction = large
-    for n in range(120, 0, -1):
-        fraction = large + 0.5 * n / fraction
-    return np.where(x < SERIES_BELOW, series, 1.0 / (np.sqrt(np.pi) * fraction))
+    return np.exp(z**2) - 2.0 / np.sqrt(np.pi) * total
+
+
+def _fraction(z: np.ndarray, terms: int) -> np.ndarray:
+    fraction = z
+    for n in range(terms, 0, -1):
+        fraction = z + 0.5 * n / fraction
+    return 1.0 / (np.sqrt(np.pi) * fraction)
 
 
 def transition(x: np.ndarray) -> np.ndarray:
