@@ -3,10 +3,11 @@
 The normal N of a facet is interpolated linearly between those of its corners, so that it turns without a step from one
 facet to the next; the point of reflection is where the bisector h of the directions to both ends is along N,
 
-    h x N = 0,    h = (tx - p) / |tx - p| + (rx - p) / |rx - p|,
+    h x N = 0,    h = (tx - p) / |tx - p| + (rx - p) / |rx - p|.
 
-and the surface there has the curvature K = dN/dx / |N|. With it the second derivative of the length of the path over
-the tangent plane is
+The curvature K, too, is interpolated between the corners, where it is the mean of the facets that meet there: the level
+has no step from one facet to the next, and the whole bend is that of the mesh. With it the second derivative of the
+length of the path over the tangent plane is
 
     H = (1/s' + 1/s) (I - a a^T) + 2 cos(theta) K,
 
@@ -16,7 +17,8 @@ integral over the surface in coordinates in which its phase is pi/2 (u^2 + v^2).
 
 Source: B. T. Phong, Illumination for computer generated pictures, CACM 18 (1975) (interpolated normals); T. Boubekeur
 and M. Alexa, Phong tessellation, ACM TOG 27 (2008) (a surface that follows them); R. G. Kouyoumjian and P. H. Pathak,
-Proc. IEEE 62 (1974), equations 6 to 14 (divergence at a curved surface).
+Proc. IEEE 62 (1974), equations 6 to 14 (divergence at a curved surface); S. Rusinkiewicz, Estimating curvatures
+and their derivatives on triangle meshes, 3DPVT 2004 (curvature of facets, and its mean at corners).
 """
 
 import warp as wp
@@ -62,6 +64,8 @@ class CurvedFacets:
     """First corner of each facet among those of `Surfaces`, shape [F]."""
     normal: wp.array[wp.vec3d]
     """Outward unit normal at each corner of `Surfaces`, 0 where it is not on a curved surface, shape [3 T]."""
+    curvature: wp.array[wp.mat33d]
+    """Curvature at each corner, a symmetric matrix over the plane across its normal [1/m], shape [3 T]."""
     group: wp.array[int]
     """Curved surface that the geometry row of each surface belongs to, -1 for none, shape [R]."""
     first: wp.array[int]
@@ -81,12 +85,12 @@ class CurvedPoint:
     is_found: wp.bool
     point: wp.vec3d
     normal: wp.vec3d
-    e1: wp.vec3d
-    """Unit vectors along the facet."""
-    e2: wp.vec3d
-    d1: wp.vec3d
-    """Change of the interpolated normal along `e1`, over its length [1/m]."""
-    d2: wp.vec3d
+    along: wp.vec3d
+    """Unit vector along the first edge of the facet."""
+    corner: int
+    """First corner of the facet."""
+    share: wp.vec3d
+    """Barycentric coordinates of the point."""
 
 
 @wp.func
@@ -207,8 +211,7 @@ def curved_point(
         return out
     p = a + x * e1 + y * e2
     n = na + share_b * (nb - na) + share_c * (nc - na)
-    size = wp.length(n)
-    n = n / size
+    n = wp.normalize(n)
     if wp.dot(n, tx - p) <= wp.float64(0.0) or wp.dot(n, rx - p) <= wp.float64(0.0):
         return out
     bulge = HALF * (
@@ -219,10 +222,9 @@ def curved_point(
     out.is_found = True
     out.point = p
     out.normal = n
-    out.e1 = e1
-    out.e2 = e2
-    out.d1 = dx / size
-    out.d2 = dy / size
+    out.along = e1
+    out.corner = corner
+    out.share = wp.vec3d(share_a, share_b, share_c)
     return out
 
 
@@ -270,10 +272,18 @@ def curved_points_kernel(
 
 
 @wp.func
-def curved_frame(found: CurvedPoint, tx: wp.vec3d, rx: wp.vec3d, wavelength: wp.float64) -> FresnelFrame:
+def carried(tangent: wp.vec3d, normal: wp.vec3d, other: wp.vec3d) -> wp.vec3d:
+    """Return a tangent, turned with its normal to another normal the shortest way."""
+    return tangent - (wp.dot(other, tangent) / (wp.float64(1.0) + wp.dot(normal, other))) * (normal + other)
+
+
+@wp.func
+def curved_frame(
+    facets: CurvedFacets, found: CurvedPoint, tx: wp.vec3d, rx: wp.vec3d, wavelength: wp.float64
+) -> FresnelFrame:
     """Return the coordinates in which the phase over a curved surface is pi/2 (u^2 + v^2), to second order."""
     n = found.normal
-    t1 = wp.normalize(found.e1 - wp.dot(found.e1, n) * n)
+    t1 = wp.normalize(found.along - wp.dot(found.along, n) * n)
     t2 = wp.cross(n, t1)
     before = wp.length(tx - found.point)
     behind = wp.length(rx - found.point)
@@ -281,22 +291,16 @@ def curved_frame(found: CurvedPoint, tx: wp.vec3d, rx: wp.vec3d, wavelength: wp.
     cosine = wp.abs(wp.dot(incoming, n))
     a1 = wp.dot(incoming, t1)
     a2 = wp.dot(incoming, t2)
-    k11 = wp.dot(found.d1, t1)
-    k22 = wp.dot(found.d2, t2)
-    k12 = HALF * (wp.dot(found.d1, t2) + wp.dot(found.d2, t1))
-    mean = HALF * (k11 + k22)
-    apart = wp.sqrt(HALF * HALF * (k11 - k22) * (k11 - k22) + k12 * k12)
-    if mean - apart < wp.float64(0.0):  # a hollow of the interpolation: flat along its direction
-        if mean + apart <= wp.float64(0.0):
-            k11 = wp.float64(0.0)
-            k12 = wp.float64(0.0)
-            k22 = wp.float64(0.0)
-        else:  # K - low v v^T, for the unit vector v of the lower curvature
-            low = mean - apart
-            share = HALF * (k11 - k22) / wp.max(apart, wp.float64(1e-300))
-            k11 = k11 - low * HALF * (wp.float64(1.0) - share)
-            k22 = k22 - low * HALF * (wp.float64(1.0) + share)
-            k12 = k12 + low * HALF * k12 / wp.max(apart, wp.float64(1e-300))
+    k11 = wp.float64(0.0)
+    k12 = wp.float64(0.0)
+    k22 = wp.float64(0.0)
+    for k in range(3):
+        curvature = facets.curvature[found.corner + k]
+        one = carried(t1, n, facets.normal[found.corner + k])
+        two = carried(t2, n, facets.normal[found.corner + k])
+        k11 = k11 + found.share[k] * wp.dot(one, curvature * one)
+        k12 = k12 + found.share[k] * wp.dot(one, curvature * two)
+        k22 = k22 + found.share[k] * wp.dot(two, curvature * two)
     bend = wp.float64(1.0) / before + wp.float64(1.0) / behind
     h11 = bend * (wp.float64(1.0) - a1 * a1) + wp.float64(2.0) * cosine * k11
     h12 = -bend * a1 * a2 + wp.float64(2.0) * cosine * k12
@@ -354,7 +358,7 @@ def curved_share_kernel(
     share_out[hit, column] = wp.vec2d()
     if not found.is_found:
         return
-    frame = curved_frame(found, from_tx, to_rx, wavelength[column])
+    frame = curved_frame(facets, found, from_tx, to_rx, wavelength[column])
     before = wp.length(from_tx - found.point)
     behind = wp.length(to_rx - found.point)
     cosine = wp.abs(wp.dot(found.normal, from_tx - found.point)) / before

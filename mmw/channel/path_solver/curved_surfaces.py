@@ -21,6 +21,9 @@ MAX_BEND_RAD = np.radians(75.0)
 MAX_SAGITTA_M = 0.04
 """Farthest that a curved surface may lie from the chords of its facets [m]. Design value."""
 
+WIDE_SAGITTA_M = 0.005
+"""The same for facets that are no small ones: a panel with a rounded rim is flat, and its rim is curved [m]."""
+
 MAX_CONCAVE_RAD = np.radians(2.0)
 """Largest bend of a concave edge within a curved surface [rad]: less than meshes of convex bodies are wrong by."""
 
@@ -39,6 +42,8 @@ class CurvedPart:
     """Curved surface of each flat surface, -1 for none, shape [S]."""
     normal: np.ndarray
     """Outward unit normal at each corner of each face, 0 for a face of none, shape [F, 3, 3]."""
+    curvature: np.ndarray
+    """Curvature at each corner, a symmetric matrix over the plane across its normal [1/m], shape [F, 3, 3, 3]."""
     edge_group: np.ndarray
     """Curved surface of each edge of the outlines, growing, shape [E]."""
     begin: np.ndarray
@@ -78,7 +83,8 @@ def find_curved(points: np.ndarray, faces: np.ndarray, surface: np.ndarray, obje
     """
     count = int(surface.max(initial=-1)) + 1
     nothing = np.zeros((0, 3))
-    none = CurvedPart(np.full(count, -1), np.zeros((len(faces), 3, 3)), np.zeros(0, dtype=np.int64), *[nothing] * 3)
+    normal, curvature = np.zeros((len(faces), 3, 3)), np.zeros((len(faces), 3, 3, 3))
+    none = CurvedPart(np.full(count, -1), normal, curvature, np.zeros(0, dtype=np.int64), *[nothing] * 3)
     if not len(faces):
         return none
     mesh = find_edges(points, faces)
@@ -99,8 +105,8 @@ def find_curved(points: np.ndarray, faces: np.ndarray, surface: np.ndarray, obje
     group[is_curved] = np.unique(label[is_curved], return_inverse=True)[1]
     of_face = np.where(mesh.has_area, group[surface], -1)
     own = np.flatnonzero(of_face >= 0)
-    normal = np.zeros((len(faces), 3, 3))
     normal[own] = _corner_normals(mesh, own, of_face, surface, area, mean)
+    curvature[own] = _corner_curvatures(mesh, own, of_face, normal[own])
     half, edge_group = _outlines(mesh, of_face)
     order = np.argsort(edge_group, kind="stable")
     half, edge_group = half[order], edge_group[order]
@@ -109,7 +115,7 @@ def find_curved(points: np.ndarray, faces: np.ndarray, surface: np.ndarray, obje
     inward = np.cross(facing, end - begin)  # counter-clockwise if the facet lies on this side
     is_turned = dot(inward, mesh.points[mesh.opposite[half]] - begin) < 0.0
     begin, end = np.where(is_turned[:, None], end, begin), np.where(is_turned[:, None], begin, end)
-    return CurvedPart(group, normal, edge_group, begin, end, facing)
+    return CurvedPart(group, normal, curvature, edge_group, begin, end, facing)
 
 
 def _sums(row: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
@@ -134,7 +140,8 @@ def _joins(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray, center: 
         arm = center[surface[face]] - begin
         width = np.maximum(width, 2.0 * norm(arm - dot(arm, along)[:, None] * along))
     is_concave = dot(n1, mesh.points[mesh.opposite[two]] - begin) > 0.0
-    is_arc = (bend <= MAX_BEND_RAD) & (0.5 * width * np.tan(0.25 * bend) <= MAX_SAGITTA_M)
+    sagitta = 0.5 * width * np.tan(0.25 * bend)
+    is_arc = (bend <= MAX_BEND_RAD) & (sagitta <= np.where(width <= SMALL_FACET_M, MAX_SAGITTA_M, WIDE_SAGITTA_M))
     is_arc &= (width <= SMALL_FACET_M) | (width <= 2.0 * MAX_RADIUS_M * np.sin(0.5 * bend))
     return edge[is_arc & (~is_concave | (bend <= MAX_CONCAVE_RAD))]
 
@@ -153,6 +160,55 @@ def _corner_normals(
     total = _sums(of_piece.reshape(-1), mean[piece[:, 2]] * area[piece[:, 2]][:, None], len(meeting))
     total /= np.maximum(norm(total), 1e-300)[:, None]
     return total[of_piece.reshape(-1)[inverse.reshape(-1)]].reshape(-1, 3, 3)
+
+
+def _corner_curvatures(mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the curvature at the corners of faces of curved surfaces [1/m], shape [n, 3, 3, 3].
+
+    The curvature of a face is the change of the normals between its corners over their distances, without hollows; at
+    a corner the mean, weighted by area, of the faces that meet there, each turned to the normal of the corner.
+
+    Args:
+        mesh: Edges of the mesh.
+        own: The faces, shape [n].
+        of_face: Curved surface of each face of the mesh.
+        normal: Unit normals at their corners, shape [n, 3, 3].
+
+    Source: S. Rusinkiewicz, Estimating curvatures and their derivatives on triangle meshes, 3DPVT 2004.
+    """
+    a, b, c = mesh.corner[own].swapaxes(0, 1)
+    x = (b - a) / norm(b - a)[:, None]
+    up = mesh.normal[own]
+    y = np.cross(up, x)
+    run = np.stack([np.stack([dot(v, x), dot(v, y)], axis=1) for v in (b - a, c - a)], axis=2)  # [n, axis, edge]
+    rise = np.stack(
+        [np.stack([dot(v, x), dot(v, y)], axis=1) for v in (normal[:, 1] - normal[:, 0], normal[:, 2] - normal[:, 0])],
+        axis=2,
+    )
+    bend = rise @ np.linalg.inv(run)
+    share, direction = np.linalg.eigh(0.5 * (bend + bend.swapaxes(1, 2)))
+    bend = (direction * np.maximum(share, 0.0)[:, None]) @ direction.swapaxes(1, 2)
+    plane = np.stack([x, y], axis=2)
+    of_faces = plane @ bend @ plane.swapaxes(1, 2)
+    key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3)])
+    _, meeting = np.unique(key, axis=0, return_inverse=True)
+    meeting = meeting.reshape(-1)
+    area = np.repeat(0.5 * norm(np.cross(b - a, c - a)), 3)
+    turned = _turned(np.repeat(of_faces, 3, axis=0), np.repeat(up, 3, axis=0), normal.reshape(-1, 3))
+    count = int(meeting.max()) + 1
+    total = np.stack(
+        [np.bincount(meeting, area * turned[:, i, j], count) for i in range(3) for j in range(3)], axis=1
+    ).reshape(-1, 3, 3)
+    total /= np.maximum(np.bincount(meeting, area, count), 1e-300)[:, None, None]
+    return total[meeting].reshape(-1, 3, 3, 3)
+
+
+def _turned(matrix: np.ndarray, normal: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return matrices over the planes across normals, turned with them to other normals the shortest way, [N, 3, 3]."""
+    middle = normal + other
+    turn = np.eye(3) - middle[:, :, None] * middle[:, None] / (1.0 + dot(normal, other))[:, None, None]
+    turn = turn + 2.0 * other[:, :, None] * normal[:, None]
+    return turn @ matrix @ turn.swapaxes(1, 2)
 
 
 def _outlines(mesh: MeshEdges, of_face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -211,6 +267,7 @@ def make_curved_table(
         ("surface", surface, wp.int32),
         ("corner", 3 * triangle, wp.int32),
         ("normal", np.concatenate([part.normal.reshape(-1, 3) for part in curved]), wp.vec3d),
+        ("curvature", np.concatenate([part.curvature.reshape(-1, 3, 3) for part in curved]), wp.mat33d),
         ("group", group, wp.int32),
         ("first", np.searchsorted(edge_group, np.arange(groups[-1] + 1)), wp.int32),
         ("begin", np.concatenate([part.begin for part in curved]), wp.vec3d),

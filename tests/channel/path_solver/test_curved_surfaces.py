@@ -1,0 +1,172 @@
+"""Reflections at posts, spheres and panels that meshes show as facets, against series and divergence in float64."""
+
+import numpy as np
+import pytest
+from scipy.special import hankel2, jv
+
+from mmw.channel.path_solver.curved_surfaces import find_curved
+from mmw.channel.paths import PathSet
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.planar_surfaces import find_surfaces
+from mmw.physics.em.interaction import SPECULAR
+from mmw.physics.materials.material import RadioMaterial
+from mmw.worlds.towns.mesh_part import MeshPart
+from tests.fixtures.scenes import arrays_from_parts, box_part, pose
+from tests.oracles import channel as oracle
+
+CARRIERS = (4.9e9, 28e9)
+MATERIALS = oracle.radio_materials({"metal": RadioMaterial("itu", itu="itu_pec")})
+
+
+def tube(radius: float, sides: int, height: float = 40.0, angle: float = 2 * np.pi) -> MeshPart:
+    """Return the mantle of an upright prism around the origin, or a part of it, that looks outward."""
+    turn = 0.2 + np.linspace(0.0, angle, sides + 1)
+    ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(sides + 1)], axis=1)
+    points = np.concatenate([ring, ring + np.array([0.0, 0.0, height])])
+    k, up = np.arange(sides), sides + 1
+    faces = np.concatenate([np.stack([k, k + 1, k + 1 + up], axis=1), np.stack([k, k + 1 + up, k + up], axis=1)])
+    return MeshPart("Props/tube", points, faces.astype(np.int32), "metal", "pole")
+
+
+def sphere(radius: float, rows: int, height: float) -> MeshPart:
+    """Return a ball of rows x 2 rows facets around the z axis, that looks outward."""
+    theta, phi = np.linspace(0, np.pi, rows + 1)[1:-1], np.arange(2 * rows) * np.pi / rows
+    grid = np.stack([np.outer(np.sin(theta), f(phi)) for f in (np.cos, np.sin)], axis=-1).reshape(-1, 2)
+    level = np.repeat(np.cos(theta), 2 * rows)
+    points = radius * np.concatenate([[[0, 0, 1.0]], np.column_stack([grid, level]), [[0, 0, -1.0]]])
+    at = 1 + np.arange((rows - 1) * 2 * rows).reshape(rows - 1, 2 * rows)
+    a, b, c, d = at[:-1], at[1:], np.roll(at[1:], -1, axis=1), np.roll(at[:-1], -1, axis=1)
+    last = len(points) - 1
+    parts = [
+        (a, b, c),
+        (a, c, d),
+        (0 * at[0], at[0], np.roll(at[0], -1)),
+        (last + 0 * at[0], np.roll(at[-1], -1), at[-1]),
+    ]
+    faces = np.concatenate([np.stack([x.ravel() for x in part], axis=1) for part in parts])
+    return MeshPart("Props/ball", points + np.array([0.0, 0.0, height]), faces.astype(np.int32), "metal", "static")
+
+
+def solve(parts: list[MeshPart], tx: tuple, rx: list[tuple], device: str, **options: object) -> PathSet:
+    """Return the paths from `tx` to each of `rx` at both carriers, by isotropic antennas at the ends themselves."""
+    settings = {"max_depth": 1, "finite_surfaces": True, "pattern": "iso", "carriers_hz": CARRIERS} | options
+    return oracle.solve(oracle.link_scene(parts, tx, *rx, materials=MATERIALS), oracle.channel(**settings), device)[1]
+
+
+def reflected_db(paths: PathSet) -> np.ndarray:
+    """Return the levels of the reflections over free space of their lengths [dB], sorted by link, shape [n, C]."""
+    own = np.flatnonzero(paths.interaction[:, 0] == SPECULAR)
+    free = SPEED_OF_LIGHT / paths.carriers_hz / (4 * np.pi * SPEED_OF_LIGHT * paths.tau[own, None])
+    return 20 * np.log10(np.linalg.norm(paths.transfer["sunny"][own], ord=2, axis=(2, 3)) / free)
+
+
+def series_db(radius: float, tx: tuple, rx: tuple, length: float, carrier: float) -> float:
+    """Return the field that a conducting cylinder scatters from a line source over that of the source at `length` [dB].
+
+    Both spread alike along the axis, so that the ratio is that of point sources at one height. Source: C. A. Balanis,
+    Advanced Engineering Electromagnetics, 2nd edition, equation 11-168 (line source, TM).
+    """
+    wave = 2 * np.pi * carrier / SPEED_OF_LIGHT
+    order = np.arange(int(wave * radius) + 40)
+    turn = np.arctan2(rx[1], rx[0]) - np.arctan2(tx[1], tx[0])
+    term = jv(order, wave * radius) / hankel2(order, wave * radius)
+    term = term * hankel2(order, wave * np.hypot(*tx[:2])) * hankel2(order, wave * np.hypot(*rx[:2]))
+    total = (np.where(order == 0, 1, 2) * term * np.cos(order * turn)).sum()
+    return 20 * np.log10(abs(total / hankel2(0, wave * length)))
+
+
+@pytest.mark.parametrize("distance", [5.0, 30.0, 200.0])
+@pytest.mark.parametrize(("radius", "sides"), [(0.11, 6), (0.06, 8), (0.11, 12), (0.3, 16), (0.17, 5)])
+def test_a_post_reflects_what_the_series_says(radius: float, sides: int, distance: float, device: str) -> None:
+    """Up to an incidence of 50 degrees: 1 dB, of which a hexagon's normals, linear over its sides, take 0.6."""
+    tx = (distance, 0.0, 20.0)
+    rx = [(0.8 * distance * np.cos(turn), 0.8 * distance * np.sin(turn), 20.0) for turn in (0.3, 0.7, 1.2, 1.7)]
+    paths = solve([tube(radius, sides)], tx, rx, device)
+    own = paths.interaction[:, 0] == SPECULAR
+    assert paths.link[own].tolist() == [0, 1, 2, 3]
+    level = reflected_db(paths)
+    for k, row in enumerate(np.flatnonzero(own)):
+        length = paths.tau[row] * SPEED_OF_LIGHT
+        expected = [series_db(radius, tx, rx[k], length, carrier) for carrier in CARRIERS]
+        np.testing.assert_allclose(level[k], expected, atol=1.0 if sides > 5 else 1.2)
+
+
+@pytest.mark.parametrize("incidence", [0.2, 0.6, 1.0])
+def test_a_ball_spreads_as_geometrical_optics_says(incidence: float, device: str) -> None:
+    """1 / sqrt((1 + 2 rho / (a cos)) (1 + 2 rho cos / a)), within 0.5 dB, and the shortest way over the ball."""
+    radius, away = 0.5, 20.0
+    up = np.array([np.sin(0.9) * np.cos(0.23), np.sin(0.9) * np.sin(0.23), np.cos(0.9)])
+    side = np.cross(up, [0.6, 0.0, 0.8])
+    side /= np.linalg.norm(side)
+    top = np.array([0.0, 0.0, 30.0]) + radius * up
+    tx, rx = (tuple(top + away * (np.cos(incidence) * up + sign * np.sin(incidence) * side)) for sign in (1, -1))
+    paths = solve([sphere(radius, 24, 30.0)], tx, [rx], device)
+    (row,) = np.flatnonzero(paths.interaction[:, 0] == SPECULAR)
+    assert paths.tau[row] * SPEED_OF_LIGHT == pytest.approx(2 * away, abs=2e-3)
+    np.testing.assert_allclose(paths.vertex[row, 0], top, atol=5e-3)
+    rho, cosine = 0.5 * away, np.cos(incidence)
+    expected = -10 * np.log10((1 + 2 * rho / (radius * cosine)) * (1 + 2 * rho * cosine / radius))
+    np.testing.assert_allclose(reflected_db(paths)[0], expected, atol=0.5)
+
+
+def test_a_post_is_one_wall_all_around(device: str) -> None:
+    """While the end goes around, the path keeps its identifier, its delay is smooth and its level has no steps."""
+    turn = np.linspace(0.1, 1.7, 161)
+    poses = [[pose(25.0, 0.0, 20.0), pose(20 * np.cos(t), 20 * np.sin(t), 20.0)] for t in turn]
+    actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1)]
+    arrays = arrays_from_parts([tube(0.11, 6)], actors=actors, poses=poses, materials=MATERIALS)
+    config = oracle.channel(max_depth=1, finite_surfaces=True, pattern="iso", carriers_hz=CARRIERS)
+    links, paths = oracle.solve(arrays, config, device)
+    own = np.flatnonzero((paths.interaction[:, 0] == SPECULAR) & (links.tx_actor[paths.link] == 0))
+    own = own[np.argsort(links.frame[paths.link[own]])]
+    assert links.frame[paths.link[own]].tolist() == list(range(len(turn)))
+    assert len(np.unique(paths.surface[own, 0])) >= 2 and len(np.unique(paths.path_id[own])) == 1
+    assert np.abs(np.diff(20 * np.log10(np.abs(paths.a["sunny"][own])), axis=0)).max() < 0.2
+    bend = np.diff(paths.tau[own] * SPEED_OF_LIGHT, n=2)
+    assert np.abs(bend).max() < 5e-4  # the side of a hexagon is within 0.3 mm of its arc
+
+
+def test_a_post_ends_at_its_top(device: str) -> None:
+    """Half of the field where the point of reflection is at the top, all of it well below, and none above."""
+    rx = [(20.0 * np.cos(0.5), 20.0 * np.sin(0.5), float(z)) for z in (36.0, 40.0 - 1e-6, 41.0)]
+    levels = []
+    for end in rx:
+        paths = solve([tube(0.11, 12)], (20.0, 0.0, float(end[2])), [end], device)
+        levels.append(reflected_db(paths))
+    np.testing.assert_allclose(levels[1] - levels[0], -6.0, atol=0.5)
+    assert len(levels[2]) == 0
+
+
+@pytest.mark.parametrize(
+    ("part", "is_curved"),
+    [
+        (tube(0.11, 6), True),
+        (tube(0.11, 4), False),
+        (tube(3.0, 6), False),
+        (tube(40.0, 8, angle=0.3), False),
+        (sphere(0.5, 12, 0.0), True),
+        (box_part("Props/box", (0.2, 0.2, 3.0), (0, 0, 0), "metal", "pole"), False),
+    ],
+    ids=["hexagonal post", "square post", "tower", "street", "ball", "box"],
+)
+def test_small_bends_are_curved_and_corners_are_not(part: MeshPart, is_curved: bool) -> None:
+    """All facets of a post and a ball are one curved surface; corners, towers and streets are flat pieces."""
+    zero = np.zeros(len(part.faces), dtype=np.int64)
+    surface = find_surfaces(part.points, part.faces, zero, zero)
+    found = find_curved(part.points, part.faces, surface, zero)
+    np.testing.assert_array_equal(found.group, np.full(surface.max() + 1, 0 if is_curved else -1))
+    if is_curved:
+        np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1.0, atol=1e-12)
+        out = part.points[part.faces] - part.points.mean(axis=0)
+        assert ((found.normal * out * [1, 1, np.ptp(out[..., 2]) < 2]).sum(axis=-1) > 0).all()
+
+
+def test_the_outline_is_where_a_curved_surface_ends() -> None:
+    """A closed ball has none; a tube its two rims, counter-clockwise seen from outside."""
+    for part, edges in ((sphere(0.5, 12, 0.0), 0), (tube(0.11, 8, height=2.0), 16)):
+        zero = np.zeros(len(part.faces), dtype=np.int64)
+        found = find_curved(part.points, part.faces, find_surfaces(part.points, part.faces, zero, zero), zero)
+        assert len(found.begin) == edges
+        middle = part.points.mean(axis=0)
+        inward = np.cross(found.facing, found.end - found.begin)
+        assert (np.einsum("ek,ek->e", inward, [0, 0, 1] * (middle - found.begin)) > 0).all()
