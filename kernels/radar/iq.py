@@ -55,8 +55,11 @@ def scatterer_kernel(
     distance = rays.range[view, ray]
     if rays.power[view, ray] > 0.0 and distance < waveform.max_range:
         amplitude = wp.sqrt(rays.power[view, ray])
-        whole = wp.float64(distance) * waveform.turns_per_m
-        start = wp.float32(whole - wp.floor(whole))
+        if rays.turns.shape[0] > 0:
+            start = rays.turns[view, ray]
+        else:
+            whole = wp.float64(distance) * waveform.turns_per_m
+            start = wp.float32(whole - wp.floor(whole))
         elevation = rays.elevation[view, ray]
         # half a wavelength between antennas is half a turn at endfire
         turns = wp.vec4(

@@ -5,6 +5,8 @@ A cell is a whole number along each of four axes: range, radial velocity, and th
 Fourier transform do; all axes but range wrap around.
 """
 
+from typing import Any
+
 import warp as wp
 
 from mmw.kernels.radar.trace import RadarRays
@@ -77,6 +79,44 @@ def centred(cell: int, count: int) -> int:
 def part_of(position: float) -> float:
     """Return where in its cell a position lies, -1/2 to 1/2 steps from the middle."""
     return position - wp.rint(position)
+
+
+@wp.func
+def parts_of(rays: RadarRays, grid: CellGrid, view: int, r: int) -> wp.vec4:
+    """Return where in its cell an echo lies on the four axes, -1/2 to 1/2 steps from the middle."""
+    elevation = rays.elevation[view, r]
+    y = wp.sin(rays.azimuth[view, r]) * wp.cos(elevation)
+    return wp.vec4(
+        part_of(rays.range[view, r] / grid.range_step),
+        part_of(rays.velocity[view, r] / grid.velocity_step),
+        part_of(y / grid.y_step),
+        part_of(wp.sin(elevation) / grid.z_step),
+    )
+
+
+@wp.func
+def place_of(grid: CellGrid, key: wp.int64) -> tuple[int, int]:
+    """Return the view and the number of the cell of a key."""
+    place = key >> wp.int64(OBJECT_BITS)
+    cells = wp.int64(grid.ranges) * wp.int64(grid.velocities) * wp.int64(grid.ys) * wp.int64(grid.zs)
+    return int(place // cells), int(place % cells)
+
+
+@wp.func
+def store_place(sums_out: Any, index: int, grid: CellGrid, key: wp.int64, mean: wp.vec4):
+    """Write view, cell and mean position of an occupied cell; `mean` is from the cell's middle, in steps."""
+    view, cell = place_of(grid, key)
+    z_cell = cell % grid.zs
+    y_cell = (cell // grid.zs) % grid.ys
+    velocity_cell = (cell // (grid.zs * grid.ys)) % grid.velocities
+    range_cell = cell // (grid.zs * grid.ys * grid.velocities)
+    sums_out.view[index] = view
+    sums_out.cell[index] = cell
+    sums_out.range[index] = (float(range_cell) + mean[0]) * grid.range_step
+    sums_out.velocity[index] = (float(centred(velocity_cell, grid.velocities)) + mean[1]) * grid.velocity_step
+    # one antenna measures no angle, whatever the rays carry
+    sums_out.y[index] = wp.where(grid.ys > 1, (float(centred(y_cell, grid.ys)) + mean[2]) * grid.y_step, 0.0)
+    sums_out.z[index] = wp.where(grid.zs > 1, (float(centred(z_cell, grid.zs)) + mean[3]) * grid.z_step, 0.0)
 
 
 @wp.kernel
@@ -152,13 +192,6 @@ def cell_sum_kernel(
     index = wp.tid()
     first = start[index]
     place = key[first] >> wp.int64(OBJECT_BITS)
-    cells = wp.int64(grid.ranges) * wp.int64(grid.velocities) * wp.int64(grid.ys) * wp.int64(grid.zs)
-    cell = int(place % cells)
-    z_cell = cell % grid.zs
-    y_cell = (cell // grid.zs) % grid.ys
-    velocity_cell = (cell // (grid.zs * grid.ys)) % grid.velocities
-    range_cell = cell // (grid.zs * grid.ys * grid.velocities)
-
     total = wp.float64(0.0)
     rcs = wp.float64(0.0)
     offset = wp.vec4d()
@@ -173,17 +206,9 @@ def cell_sum_kernel(
         view = ray[i] // rays.range.shape[1]
         r = ray[i] % rays.range.shape[1]
         power = wp.float64(rays.power[view, r])
-        elevation = rays.elevation[view, r]
-        y = wp.sin(rays.azimuth[view, r]) * wp.cos(elevation)
-        parts = wp.vec4(
-            part_of(rays.range[view, r] / grid.range_step),
-            part_of(rays.velocity[view, r] / grid.velocity_step),
-            part_of(y / grid.y_step),
-            part_of(wp.sin(elevation) / grid.z_step),
-        )
         total += power
         rcs += wp.float64(rays.rcs[view, r])
-        offset += power * wp.vec4d(parts)
+        offset += power * wp.vec4d(parts_of(rays, grid, view, r))
         if rays.object_id[view, r] != at:
             at = rays.object_id[view, r]
             shared = wp.float64(0.0)
@@ -195,13 +220,7 @@ def cell_sum_kernel(
     mean = wp.vec4()
     if total > wp.float64(0.0):
         mean = wp.vec4(offset / total)
-    sums_out.view[index] = int(place // cells)
-    sums_out.cell[index] = cell
+    store_place(sums_out, index, grid, key[first], mean)
     sums_out.power[index] = wp.float32(total)
     sums_out.rcs[index] = wp.float32(rcs)
-    sums_out.range[index] = (float(range_cell) + mean[0]) * grid.range_step
-    sums_out.velocity[index] = (float(centred(velocity_cell, grid.velocities)) + mean[1]) * grid.velocity_step
-    # one antenna measures no angle, whatever the rays carry
-    sums_out.y[index] = wp.where(grid.ys > 1, (float(centred(y_cell, grid.ys)) + mean[2]) * grid.y_step, 0.0)
-    sums_out.z[index] = wp.where(grid.zs > 1, (float(centred(z_cell, grid.zs)) + mean[3]) * grid.z_step, 0.0)
     sums_out.object_id[index] = object_id

@@ -36,7 +36,10 @@ class RadarHits:
 
 @wp.struct
 class RadarRays:
-    """The echoes of every ray in one weather, shape [A, R]. All but power and RCS is shared with `RadarHits`."""
+    """The echoes of every ray in one weather, shape [A, R]. All but power and RCS is shared with `RadarHits`.
+
+    With multipath a ray has further echoes, in the columns from R on; see `mmw.kernels.radar.echo_paths`.
+    """
 
     range: wp.array2d[float]
     azimuth: wp.array2d[float]
@@ -47,6 +50,10 @@ class RadarRays:
     """Received power [W], both ways' losses by rain, fog, gas and wet radome included; 0 for none."""
     rcs: wp.array2d[float]
     """The ray's share of the radar cross section [m2], no losses included; 0 for none. An object's RCS is the sum."""
+    turns: wp.array2d[float]
+    """Phase of the echo in turns, which grows with the length of the path; no array where phases are not asked for."""
+    path_type: wp.array2d[wp.uint8]
+    """What the echo bounced from, a `PATH_*` of `mmw.kernels.radar.echo_paths`; no array without multipath."""
 
 
 @wp.struct
@@ -155,6 +162,19 @@ def carla_kernel(
     trace_ray(scene, views, velocity, False, view, ray, end / t_max, t_max, hits_out)
 
 
+@wp.func
+def grid_direction(key: wp.vec2ui, grid: RadarGrid, ray: int) -> wp.vec3:
+    """Return the unit direction of a ray, somewhere in its cell of the grid, in the sensor frame."""
+    u = uniform4(key, ray, 0)
+    column = (float(ray % grid.columns) + u[0]) / float(grid.columns)
+    row = (float(ray // grid.columns) + u[1]) / float(grid.rows)
+    # Azimuth grows to the left, the columns to the right.
+    azimuth = grid.half_azimuth * (1.0 - 2.0 * column)
+    sine = grid.half_sine * (2.0 * row - 1.0)
+    level = wp.sqrt(1.0 - sine * sine)
+    return wp.vec3(level * wp.cos(azimuth), level * wp.sin(azimuth), sine)
+
+
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def grid_kernel(
     scene: Scene,
@@ -168,14 +188,7 @@ def grid_kernel(
 ):
     """Trace one ray somewhere in each cell of the grid, row by row from below. Launch: dim=(A, R), block_dim=64."""
     view, ray = wp.tid()
-    u = uniform4(key[view], ray, 0)
-    column = (float(ray % grid.columns) + u[0]) / float(grid.columns)
-    row = (float(ray // grid.columns) + u[1]) / float(grid.rows)
-    # Azimuth grows to the left, the columns to the right.
-    azimuth = grid.half_azimuth * (1.0 - 2.0 * column)
-    sine = grid.half_sine * (2.0 * row - 1.0)
-    level = wp.sqrt(1.0 - sine * sine)
-    direction = wp.vec3(level * wp.cos(azimuth), level * wp.sin(azimuth), sine)
+    direction = grid_direction(key[view], grid, ray)
     trace_ray(scene, views, velocity, True, view, ray, direction, t_max, hits_out)
 
 

@@ -95,6 +95,14 @@ class Radar(SensorConfig):
     wet_radome_db: float = Field(
         default=2.0, ge=0, le=40, description="loss of the water film at 10 mm/h, both ways together [dB]"
     )
+    multipath: Literal["none", "ground", "full"] = Field(
+        default="none",
+        description="in `physical`: paths beside the direct one: over the ground, or in `full` over all mirrors (name)",
+    )
+    coherent: bool = Field(
+        default=False,
+        description="in `physical`: whether echoes in a cell add up as amplitudes with phases, not as powers (flag)",
+    )
     maps: tuple[Literal["range_azimuth", "range_doppler"], ...] = Field(
         default=(), description="power maps to store as well, in `physical` (list)"
     )
@@ -121,6 +129,16 @@ class Radar(SensorConfig):
         if self.mode == "carla" and (self.maps or self.iq or self.output == "dense"):
             raise InputError(
                 "mode = carla has no power: output: dense, maps and iq need mode: physical; leave them out"
+            )
+        if self.mode == "carla" and (self.multipath != "none" or self.coherent):
+            raise InputError(
+                f"mode = carla has no power: multipath = {self.multipath} and coherent = {self.coherent} need mode: "
+                "physical; leave them out"
+            )
+        if self.coherent and self.output == "dense" and not self.maps:
+            raise InputError(
+                "coherent: true adds up the echoes of resolution cells, and output = dense has none; leave it out, set "
+                "output: detections, or add maps"
             )
         if self.iq and math.prod(self.iq_shape) > MAX_IQ_SAMPLES:
             raise InputError(

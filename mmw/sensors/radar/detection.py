@@ -5,6 +5,9 @@ in complex Gaussian noise. Above the threshold -N ln(Pfa) it is a detection, so 
 and cells that hold noise alone are drawn the same way. Of detections less than a cell apart on every axis the strongest
 stays: two points are two detections exactly if they are a cell apart or more in range, velocity, y or z.
 
+Where a cell holds the sum of amplitudes (`Radar.coherent`), its fluctuation is there already: its echo is steady within
+a sample, and noise is added to it as a complex number, so power follows Rice's distribution and Pd Marcum's Q.
+
 Source: P. Swerling, "Probability of detection for fluctuating targets", RAND RM-1217, 1954; Richards, Fundamentals of
 Radar Signal Processing, 2nd edition, chapter 6.
 """
@@ -13,7 +16,7 @@ Radar Signal Processing, 2nd edition, chapter 6.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import warp as wp
@@ -51,10 +54,15 @@ class _Points:
     label: np.ndarray
     cell: np.ndarray
     """Number of the cell: the item of the random numbers."""
+    path_type: np.ndarray
 
 
 def cell_echoes(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) -> np.ndarray:
     """Return what each occupied cell receives, echo and noise [W], shape [K], float64; keyed by view and cell."""
+    if config.coherent:
+        normal = _draw(radar_detection.normal_kernel, keys, cells.view, cells.cell, ECHO_DRAW, device)
+        noise = normal * math.sqrt(config.noise_w / 2.0)
+        return (np.sqrt(cells.power.astype(np.float64)) + noise[:, 0]) ** 2 + noise[:, 1] ** 2
     u = uniform(keys, cells.view, cells.cell, ECHO_DRAW, device)[:, 0]
     return -np.log(u) * (config.noise_w + cells.power.astype(np.float64))
 
@@ -83,7 +91,8 @@ def detect(config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: 
     points = _Points(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Points)))
     points = _select(points, np.lexsort((points.range.astype(np.float32), points.view)))
     points = _select(points, _is_peak(config, points, device))
-    return _measured(config, points, keys, device)
+    measured = _measured(config, points, keys, device)
+    return measured if cells.path_type is None else replace(measured, path_type=points.path_type)
 
 
 def _draw(
@@ -123,7 +132,8 @@ def _objects(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) ->
     rcs = cells.rcs * (power - config.noise_w) / cells.power
     label = np.full(len(power), LABEL_OBJECT, dtype=np.uint8)
     places = (cells.range, cells.velocity, cells.y, cells.z)
-    points = _Points(cells.view, *places, power, rcs, cells.object_id, label, cells.cell)
+    path_type = np.zeros(len(power), dtype=np.uint8) if cells.path_type is None else cells.path_type
+    points = _Points(cells.view, *places, power, rcs, cells.object_id, label, cells.cell, path_type)
     return _select(points, power > threshold(config))
 
 
@@ -149,7 +159,7 @@ def _rain(config: Radar, clutter: RainClutter, keys: np.ndarray, device: str) ->
     places = _inside(grid, r, v, y, z, uniform(keys, view, cell, RAIN_PLACE_DRAW, device))
     rcs = clutter.rcs_per_w[r, direction] * (power - config.noise_w)
     nothing, label = np.full(len(view), -1, dtype=np.int32), np.full(len(view), LABEL_RAIN, dtype=np.uint8)
-    return _Points(view, *places, power, rcs, nothing, label, cell)
+    return _Points(view, *places, power, rcs, nothing, label, cell, np.zeros_like(label))
 
 
 def _false_alarms(
@@ -189,7 +199,7 @@ def _false_alarms(
     power = threshold(config) - config.noise_w * np.log(u[:, 1])
     rcs = (power - config.noise_w) * places[0] ** 4 / config.link_constant
     nothing, label = np.full(len(view), -1, dtype=np.int32), np.full(len(view), LABEL_FALSE_ALARM, dtype=np.uint8)
-    return _Points(view, *places, power, rcs, nothing, label, cell)
+    return _Points(view, *places, power, rcs, nothing, label, cell, np.zeros_like(label))
 
 
 def _is_rain(

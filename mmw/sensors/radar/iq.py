@@ -25,6 +25,8 @@ def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> 
     antenna is q azimuth_antennas + p, p growing to the left and q upward. Rays are coherent, so a cell of many
     fluctuates by itself as its surfaces move. The noise of a sample is noise_w times the number of samples: a Fourier
     transform over all axes, divided by the number of samples, leaves noise_w in a cell and P in that of an echo.
+    With `multipath` or `coherent` phases are those of path lengths in float64 and of reflections, and every path of a
+    ray is a point of its own.
     Rain attenuates the echoes but is no echo here; all antennas transmit at once; targets stay in their cell.
 
     Args:

@@ -11,6 +11,7 @@ import warp as wp
 
 from mmw.core.errors import InputError
 from mmw.core.transfer import to_host
+from mmw.kernels.radar import path_sums
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import trace as radar
 from mmw.sensors.radar.config import Radar
@@ -49,7 +50,7 @@ class RadarCells:
     cell: np.ndarray
     """Number of the cell in `CellGrid`, shape [K], int32."""
     power: np.ndarray
-    """Mean power of the echo [W], above 0, shape [K], float32."""
+    """Mean power of the echo [W], or its power where amplitudes are added, above 0, shape [K], float32."""
     rcs: np.ndarray
     """Radar cross section in the cell [m2], shape [K], float32."""
     range: np.ndarray
@@ -62,6 +63,8 @@ class RadarCells:
     """Direction cosine along z, sin(elevation); 0 with one antenna in a column, shape [K], float32."""
     object_id: np.ndarray
     """Object with the largest share of the power, shape [K], int32."""
+    path_type: np.ndarray | None = None
+    """Path of that share, as `RadarPoints.path_type`, shape [K], uint8; None for rays without multipath."""
 
 
 def cell_grid(config: Radar) -> radar_cells.CellGrid:
@@ -158,18 +161,25 @@ def bin_rays(config: Radar, rays: radar.RadarRays) -> SortedRays:
     return SortedRays(grid, views, key, ray, start)
 
 
-def sum_cells(order: SortedRays, rays: radar.RadarRays) -> RadarCells:
+def sum_cells(order: SortedRays, rays: radar.RadarRays, *, coherent: bool = False) -> RadarCells:
     """Return what the occupied cells return in one weather; cells without any power have no row.
 
     Args:
-        order: From `bin_rays`, for rays that differ from these in power at most.
+        order: From `bin_rays`, for rays that differ from these in power and phase at most.
         rays: Echoes [A, R] in the weather.
+        coherent: True adds up complex amplitudes, by the phases of the rays, False powers.
     """
     count, device = order.start.shape[0], rays.range.device
-    sums = empty_struct(radar_cells.CellSums, count, device)
     inputs = [rays, order.grid, order.key, order.ray, order.start]
-    wp.launch(radar_cells.cell_sum_kernel, count, inputs, [sums], device=device)
-    names = list(radar_cells.CellSums.vars)
+    has_paths = rays.path_type is not None  # an array, with multipath
+    if coherent or has_paths:
+        struct, kernel = path_sums.PathSums, path_sums.path_sum_kernel
+        inputs.append(int(coherent))
+    else:
+        struct, kernel = radar_cells.CellSums, radar_cells.cell_sum_kernel
+    sums = empty_struct(struct, count, device)
+    wp.launch(kernel, count, inputs, [sums], device=device)
+    names = [name for name in struct.vars if has_paths or name != "path_type"]
     found = dict(zip(names, to_host([getattr(sums, name) for name in names]), strict=True))
     has_power = found["power"] > 0.0
     values = {name: column[has_power] for name, column in found.items()}

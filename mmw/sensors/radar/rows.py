@@ -16,7 +16,8 @@ def radar_rows(arrays: SceneData, sensor: str, views: Views, points: RadarPoints
         "point_count": np.diff(points.offsets).astype(np.int32),
     }
     for name in (
-        "range", "azimuth", "elevation", "velocity", "power_db", "snr_db", "rcs_dbsm", "object_id", "label"
+        "range", "azimuth", "elevation", "velocity", "power_db", "snr_db", "rcs_dbsm", "object_id", "label",
+        "path_type",
     ):  # fmt: skip
         values = getattr(points, name)
         columns[name] = pa.nulls(len(views)) if values is None else lists(points.offsets, values)

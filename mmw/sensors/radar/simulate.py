@@ -1,22 +1,45 @@
 """Simulate a radar: rays traced once a batch, points, maps and samples evaluated in every weather."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from mmw.kernels.radar.trace import RadarRays
+from mmw.kernels.radar.trace import RadarHits, RadarRays
+from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.views import view_twists
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.detection import detect
 from mmw.sensors.radar.iq import radar_iq_samples
+from mmw.sensors.radar.multipath import PlacedPaths, TracedPaths, needs_paths, place_paths, shade_paths, trace_paths
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.power_maps import radar_maps
 from mmw.sensors.radar.rain_clutter import rain_clutter
 from mmw.sensors.radar.resolution_cells import SortedRays, bin_rays, sum_cells
 from mmw.sensors.radar.trace import carla_points, dense_points, shade_radar, trace_radar
 from mmw.sensors.sensor_input import SensorInput
+
+
+class _Echoes:
+    """The echoes of a batch: those of its hits, with phases and further paths where the radar has them."""
+
+    def __init__(self, config: Radar, hits: RadarHits, paths: TracedPaths | None):
+        self._config, self._hits, self._paths = config, hits, paths
+        self._placed: dict[bool, PlacedPaths | None] = {}
+
+    def shade(self, materials: Sequence[Material], weather: Weather, *, merges: bool) -> RadarRays:
+        """Return the echoes in one weather; see `mmw.sensors.radar.multipath.place_paths`."""
+        if self._paths is None:
+            return shade_radar(self._hits, materials, weather, self._config)
+        if merges not in self._placed:  # the same in every weather
+            self._placed[merges] = place_paths(self._hits, self._paths, self._config, merges=merges)
+        return shade_paths(self._hits, self._paths, self._placed[merges], materials, weather, self._config)
+
+    @property
+    def has_mirrors(self) -> bool:
+        """True if a ray has several paths, so that those that interfere and single ones differ."""
+        return self._config.multipath != "none"
 
 
 def simulate(data: SensorInput, config: Radar) -> dict[str, RadarPoints]:
@@ -30,17 +53,25 @@ def scans(data: SensorInput, config: Radar) -> Iterator[tuple[str, RadarPoints]]
     Where the rays go does not depend on the weather; fluctuation, noise, rain and false alarms do, each by its own key.
     """
     velocity, _ = view_twists(data.scene.arrays, data.motion, data.views)
-    hits = trace_radar(data.scene, data.views, velocity, config, data.keys(config.name))
+    keys = data.keys(config.name)
+    hits = trace_radar(data.scene, data.views, velocity, config, keys)
+    paths = trace_paths(data.scene, data.views, velocity, config, keys) if needs_paths(config) else None
+    echoes = _Echoes(config, hits, paths)
     needs_cells = config.mode == "physical" and (config.output == "detections" or len(config.maps) > 0)
     order = None
     for name, weather in data.weathers.items():
         if config.mode == "carla":
             yield name, carla_points(hits)
             continue
-        rays = shade_radar(hits, data.scene.arrays.materials[name], weather, config)
+        materials = data.scene.arrays.materials[name]
+        rays = echoes.shade(materials, weather, merges=True)
         if needs_cells and order is None:
             order = bin_rays(config, rays)  # the same in every weather
-        yield name, _evaluate(data, config, velocity, weather, data.keys(name, config.name), order, rays)
+        weather_keys, iq = data.keys(name, config.name), None
+        if config.iq:
+            points = echoes.shade(materials, weather, merges=False) if echoes.has_mirrors else rays
+            iq = radar_iq_samples(config, points, weather_keys)
+        yield name, replace(_evaluate(data, config, velocity, weather, weather_keys, order, rays), iq=iq)
 
 
 def _evaluate(
@@ -53,12 +84,11 @@ def _evaluate(
     rays: RadarRays,
 ) -> RadarPoints:
     device = data.scene.device
-    iq = radar_iq_samples(config, rays, keys) if config.iq else None
     if order is None:
-        return replace(dense_points(rays, config), iq=iq)
-    cells = sum_cells(order, rays)
+        return dense_points(rays, config)
+    cells = sum_cells(order, rays, coherent=config.coherent)
     clutter = rain_clutter(config, weather, data.views.pose, velocity, keys, device)
     maps = tuple(radar_maps(config, kind, cells, clutter, keys, device) for kind in config.maps)
     is_dense = config.output == "dense"
     points = dense_points(rays, config) if is_dense else detect(config, cells, clutter, keys, device)
-    return replace(points, maps=maps, iq=iq)
+    return replace(points, maps=maps)

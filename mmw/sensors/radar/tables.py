@@ -23,6 +23,14 @@ RADAR = sensor_table(
         "object_id", list_of(I32), "id", "object that each point lies on, a row of `objects`; -1 for clutter and noise"
     ),
     column("label", list_of(pa.uint8()), "index", "what returned: 0 object, 1 rain clutter, 2 false alarm"),
+    column(
+        "path_type",
+        list_of(pa.uint8()),
+        "index",
+        "path of the echo: 0 direct, 1 over the ground, ghosts: 2 at the angle of the object (type 1), 3 and 4 at that "
+        "of the mirror (type 2, second and third order); null without multipath",
+        nullable=True,
+    ),
     frames_per_group=4,
     level=1,
 )

@@ -5,6 +5,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -75,18 +76,24 @@ def trace_radar(
         wp.array(velocity.astype(np.float32), dtype=wp.vec3, device=device),
         wp.array(keys, dtype=wp.vec2ui, device=device),
     ]
-    half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
-    half_elevation = math.radians(config.vertical_fov_deg) / 2.0
     if config.mode == "carla":
+        half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
+        half_elevation = math.radians(config.vertical_fov_deg) / 2.0
         plane = config.range_m * np.array([1.0, math.tan(half_azimuth), math.tan(half_elevation)])
         kernel, inputs = radar.carla_kernel, [*common, wp.vec3(*plane)]
     else:
-        grid = radar.RadarGrid()
-        grid.columns, grid.rows = config.azimuth_rays, config.elevation_rays
-        grid.half_azimuth, grid.half_sine = half_azimuth, math.sin(half_elevation)
-        kernel, inputs = radar.grid_kernel, [*common, grid, config.range_m]
+        kernel, inputs = radar.grid_kernel, [*common, radar_grid(config), config.range_m]
     wp.launch(kernel, (len(views), rays), inputs=inputs, outputs=[hits], device=device, block_dim=BLOCK_DIM)
     return hits
+
+
+def radar_grid(config: Radar) -> radar.RadarGrid:
+    """Return the grid of rays of `physical`."""
+    grid = radar.RadarGrid()
+    grid.columns, grid.rows = config.azimuth_rays, config.elevation_rays
+    grid.half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
+    grid.half_sine = math.sin(math.radians(config.vertical_fov_deg) / 2.0)
+    return grid
 
 
 def air_loss_db_per_km(weather: Weather, carrier_hz: float) -> float:
@@ -107,6 +114,17 @@ def radome_loss_db(weather: Weather, config: Radar) -> float:
     system", IEEE International Convention Record, 1964.
     """
     return config.wet_radome_db * (weather.rain_mm_h / RADOME_RAIN_MM_H) ** (1.0 / 3.0)
+
+
+def radar_link(weather: Weather, config: Radar) -> radar.RadarLink:
+    """Return the radar equation of one weather."""
+    link = radar.RadarLink()
+    link.constant = config.link_constant * 10.0 ** (-radome_loss_db(weather, config) / 10.0)
+    link.solid_angle = config.solid_angle
+    link.loss_per_m = 2.0 * air_loss_db_per_km(weather, config.carrier_hz) / 1000.0 * math.log(10.0) / 10.0
+    link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
+    link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
+    return link
 
 
 def shade_radar(
@@ -134,14 +152,8 @@ def shade_radar(
     for name in ("range", "azimuth", "elevation", "velocity", "object_id"):
         setattr(rays, name, getattr(hits, name))
     rays.rcs, rays.power = (wp.empty(shape, dtype=float, device=device) for _ in range(2))
-    link = radar.RadarLink()
-    link.constant = config.link_constant * 10.0 ** (-radome_loss_db(weather, config) / 10.0)
-    link.solid_angle = config.solid_angle
-    link.loss_per_m = 2.0 * air_loss_db_per_km(weather, config.carrier_hz) / 1000.0 * math.log(10.0) / 10.0
-    link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
-    link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
     surface = wp.array(reflectivity_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
-    inputs, outputs = [hits, surface, link], [rays.rcs, rays.power]
+    inputs, outputs = [hits, surface, radar_link(weather, config)], [rays.rcs, rays.power]
     wp.launch(radar.echo_kernel, shape, inputs, outputs, device=device, block_dim=BLOCK_DIM)
     return rays
 
@@ -157,13 +169,17 @@ def carla_points(hits: radar.RadarHits) -> RadarPoints:
 
 
 def dense_points(rays: radar.RadarRays, config: Radar) -> RadarPoints:
-    """Return every ray that has an echo, in the order of the rays, without noise or threshold."""
+    """Return every ray that has an echo, in the order of the rays, without noise or threshold.
+
+    Echoes of multipath follow those of all rays of their view.
+    """
     power, rcs = rays.power.numpy(), rays.rcs.numpy()
     is_echo = power > 0.0
     power_w = power[is_echo].astype(np.float64)
-    return _points(
+    points = _points(
         rays, is_echo, decibels(power_w * 1000.0), decibels(power_w / config.noise_w), decibels(rcs[is_echo])
     )
+    return points if config.multipath == "none" else replace(points, path_type=rays.path_type.numpy()[is_echo])
 
 
 def _points(

@@ -1,5 +1,6 @@
 """A radar from its configuration to rows: what it detects of traced targets, its maps and its samples."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from mmw.scene.scene_data import SceneData
 from mmw.sensors.radar.capture import capture_radar
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.radar_scenes import watched
-from tests.fixtures.scenes import quad_part
+from tests.fixtures.scenes import quad_part, two_cars
 from tests.fixtures.sensor_runs import captured
 
 RADAR = """
@@ -95,3 +96,44 @@ def test_batches_and_weathers_do_not_matter(device, config):
     labels = np.concatenate([row["label"] for row in together["heavy_rain", "radar"]])
     assert {0, 1} <= set(labels.tolist())
     assert together["heavy_rain", "radar"] != together["sunny", "radar"]
+
+
+MULTIPATH = """
+scenarios: [{name: street, town: town03, traffic: {vehicle_count: 3, spawn_center_m: [0, 0, 0], cav_ranks: [1]}}]
+weathers: [sunny, heavy_rain]
+channel: {enabled: false}
+sensors:
+  - {type: radar, name: direct, azimuth_rays: 110, elevation_rays: 30, reference_snr_db: 40}
+  - {type: radar, name: full, azimuth_rays: 110, elevation_rays: 30, reference_snr_db: 40, multipath: full,
+     coherent: true, maps: [range_azimuth]}
+  - {type: radar, name: rays, azimuth_rays: 110, elevation_rays: 30, multipath: ground, output: dense}
+"""
+
+
+def test_paths_of_points_are_in_the_table(device, tmp_path):
+    """Ghosts are told from echoes of bodies, are no points of them, and do not depend on batches."""
+    (tmp_path / "c.yaml").write_text(MULTIPATH)
+    config, arrays = load_config(tmp_path / "c.yaml"), two_cars(3)
+    arrays = replace(arrays, materials=dict.fromkeys(("sunny", "heavy_rain"), arrays.materials["sunny"]))
+    found = captured(capture_radar, config, arrays, device, [[0, 1, 2]], ["sunny", "heavy_rain"])
+    apart = captured(capture_radar, config, arrays, device, [[0], [1], [2]], ["sunny", "heavy_rain"])
+    for weather, tables in found.items():
+        rows = tables["radar"].to_pylist()
+        assert rows == apart[weather]["radar"].to_pylist()
+        kinds = {row["sensor"]: set() for row in rows}
+        for row in rows:
+            if row["sensor"] == "direct":
+                assert row["path_type"] is None
+                continue
+            kinds[row["sensor"]] |= set(row["path_type"])
+            assert len(row["path_type"]) == row["point_count"] == len(row["range"])
+            for object_id, label, kind in zip(row["object_id"], row["label"], row["path_type"], strict=True):
+                assert kind == 0 or (label == 0 and object_id >= 0)
+        assert kinds["full"] >= {0, 2, 4} and kinds["rays"] >= {0, 1} and max(kinds["rays"]) == 1
+        for row in tables["box_visibility"].to_pylist():
+            if row["sensor"] != "full":
+                continue
+            (sample,) = (r for r in rows if (r["frame"], r["sensor"]) == (row["frame"], "full"))
+            own = [kind for o, kind in zip(sample["object_id"], sample["path_type"], strict=True)
+                   if o == row["object_id"]]  # fmt: skip
+            assert row["radar_points"] == own.count(0)
