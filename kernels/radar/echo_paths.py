@@ -37,7 +37,7 @@ PATHS = wp.constant(4)
 
 @wp.struct
 class PathColumns:
-    """Where echoes of one mirror are in `RadarRays`."""
+    """Columns of the echoes of one mirror in `RadarRays`."""
 
     has_direct: int
     """1 if dd is one of them, in the column of its ray; ghosts have none, for another ray finds their target."""
@@ -225,7 +225,7 @@ def path_echo_kernel(
     The patch of the target is what the ray covers on it: on the direct leg for the ground, on the bounced one for
     ghosts. The RCS is that of a target at the range of the echo which returns its power, without losses of the air.
 
-    Launch: dim=(A, R), block_dim=64.
+    Launch: dim=(A, R).
     """
     view, ray = wp.tid()
     if paths.object_id[view, ray] < 0:

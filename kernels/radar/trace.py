@@ -53,7 +53,7 @@ class RadarRays:
     turns: wp.array2d[float]
     """Phase of the echo in turns, which grows with the length of the path; no array where phases are not asked for."""
     path_type: wp.array2d[wp.uint8]
-    """What the echo bounced from, a `PATH_*` of `mmw.kernels.radar.echo_paths`; no array without multipath."""
+    """Path of the echo, a `PATH_*` of `mmw.kernels.radar.echo_paths`; no array without multipath."""
 
 
 @wp.struct

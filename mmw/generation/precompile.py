@@ -30,7 +30,7 @@ MAX_THREADS = 4
 BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
     (
         "camera.depth", "camera.image_samples", "camera.visibility", "channel.image_method", "core.line_of_sight",
-        "core.trace", "lidar.trace", "radar.trace", "shading.reflections", "shading.shadows",
+        "core.trace", "lidar.trace", "radar.bounce_paths", "radar.trace", "shading.reflections", "shading.shadows",
     ),
     (64,),
 )  # fmt: skip

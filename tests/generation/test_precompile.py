@@ -27,6 +27,8 @@ def test_what_is_needed_follows_the_sensors() -> None:
     assert set(lidar) == {*ALWAYS, "lidar.trace", "lidar.returns"}
     radar = needed_modules(config_with("sensors=[{type: radar}]", "channel.enabled=false"))
     assert set(radar) == {*ALWAYS, "radar.trace", "radar.resolution_cells", "radar.detection"}
+    paths = needed_modules(config_with("sensors=[{type: radar, multipath: full}]", "channel.enabled=false"))
+    assert set(paths) - set(radar) == {"radar.bounce_paths", "radar.echo_paths", "radar.path_sums"}
     carla = needed_modules(config_with("sensors=[{type: radar, mode: carla}]", "channel.enabled=false"))
     assert set(carla) == {*ALWAYS, "radar.trace"}
     assert {"channel.image_method", "channel.reflection_candidates"} < set(
@@ -45,9 +47,11 @@ def test_files_that_cast_rays_are_compiled_for_small_blocks_alone() -> None:
         if "mmw.kernels.core.trace import" in path.read_text()
     }
     asks |= {"core.trace", "channel.image_method"}  # of which the latter asks through `kernels/channel/segments.py`
-    needed = asks & set(needed_modules(config_with()))
+    radars = config_with("sensors=[{type: radar, multipath: full}]")
+    needed = asks & {*needed_modules(config_with()), *needed_modules(radars)}
     assert {
         "core.trace",
+        "radar.bounce_paths",
         "radar.trace",
         "lidar.trace",
         "core.line_of_sight",

@@ -157,6 +157,11 @@ class Radar(SensorConfig):
         return self
 
     @property
+    def needs_paths(self) -> bool:
+        """True if rays are traced on, for multipath or for exact phases."""
+        return self.multipath != "none" or self.coherent
+
+    @property
     def wavelength(self) -> float:
         """Wavelength of the carrier in vacuum [m]."""
         return SPEED_OF_LIGHT / self.carrier_hz

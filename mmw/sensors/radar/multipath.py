@@ -41,17 +41,12 @@ class TracedPaths:
 
 @dataclass(frozen=True)
 class PlacedPaths:
-    """Where the echoes of all paths are for the radar, and which paths interfere: the same in every weather."""
+    """Positions of the echoes of all paths, and which paths interfere: the same in every weather."""
 
     rays: radar.RadarRays
     """Positions, objects and path types, shape [A, N], with N = `ECHOES` x R; the rest has no arrays yet."""
     mirrors: tuple[tuple[bounce_paths.BouncePaths, echo_paths.PathColumns, wp.array], ...]
     """Paths, columns and leads of each kind of mirror: the ground first."""
-
-
-def needs_paths(config: Radar) -> bool:
-    """Return whether a radar needs `trace_paths`."""
-    return config.multipath != "none" or config.coherent
 
 
 def trace_paths(scene: DeviceScene, views: Views, velocity: np.ndarray, config: Radar, keys: np.ndarray) -> TracedPaths:
@@ -172,5 +167,5 @@ def shade_paths(
     outputs = [echoes.rcs, echoes.power, echoes.turns]
     for found, columns, lead in placed.mirrors:
         inputs = [found, surface, mirrors, radar_link(weather, config), columns, lead]
-        wp.launch(echo_paths.path_echo_kernel, (views, count), inputs, outputs, device=device, block_dim=BLOCK_DIM)
+        wp.launch(echo_paths.path_echo_kernel, (views, count), inputs, outputs, device=device)
     return echoes

@@ -59,6 +59,10 @@ class RadarPoints(PointSamples):
     """Object that the point lies on, -1 for clutter and false alarms, shape [N], int32."""
     label: np.ndarray
     """0 object, 1 rain clutter, 2 false alarm, shape [N], uint8."""
+    maps: tuple[RadarMaps, ...] = ()
+    """Power maps, one of each kind in `Radar.maps`."""
+    iq: np.ndarray | None = None
+    """Samples of the receivers [W^0.5], shape [A, antennas, chirps, samples], complex64; None without `Radar.iq`."""
     path_type: np.ndarray | None = None
     """Path of the echo: 0 direct, with what interferes with it, clutter and noise; 1 over the ground, resolved from the
     direct one; ghosts over a mirror: 2 out over the mirror and back from the object, at its angle (type 1, second
@@ -66,10 +70,6 @@ class RadarPoints(PointSamples):
     (type 2, third order). `object_id` is the object that is mirrored. Shape [N], uint8; None without multipath.
 
     Source of the types: F. Kraus, N. Scheiner, W. Ritter, K. Dietmayer, "The Radar Ghost Dataset", IROS 2021."""
-    maps: tuple[RadarMaps, ...] = ()
-    """Power maps, one of each kind in `Radar.maps`."""
-    iq: np.ndarray | None = None
-    """Samples of the receivers [W^0.5], shape [A, antennas, chirps, samples], complex64; None without `Radar.iq`."""
 
     @property
     def direct_object_id(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from mmw.scene.views import view_twists
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.detection import detect
 from mmw.sensors.radar.iq import radar_iq_samples
-from mmw.sensors.radar.multipath import PlacedPaths, TracedPaths, needs_paths, place_paths, shade_paths, trace_paths
+from mmw.sensors.radar.multipath import PlacedPaths, TracedPaths, place_paths, shade_paths, trace_paths
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.power_maps import radar_maps
 from mmw.sensors.radar.rain_clutter import rain_clutter
@@ -55,7 +55,7 @@ def scans(data: SensorInput, config: Radar) -> Iterator[tuple[str, RadarPoints]]
     velocity, _ = view_twists(data.scene.arrays, data.motion, data.views)
     keys = data.keys(config.name)
     hits = trace_radar(data.scene, data.views, velocity, config, keys)
-    paths = trace_paths(data.scene, data.views, velocity, config, keys) if needs_paths(config) else None
+    paths = trace_paths(data.scene, data.views, velocity, config, keys) if config.needs_paths else None
     echoes = _Echoes(config, hits, paths)
     needs_cells = config.mode == "physical" and (config.output == "detections" or len(config.maps) > 0)
     order = None

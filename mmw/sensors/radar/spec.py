@@ -10,6 +10,9 @@ from mmw.sensors.radar.tables import RADAR, RADAR_IQ, RADAR_MAPS
 BYTES_PER_RAY = {"carla": 8.8, "dense": 24.0}
 """Size of one ray where rays are stored, misses included, measured on town03 [bytes]."""
 
+ECHOES_PER_RAY = {"none": 1.0, "ground": 1.4, "full": 1.6}
+"""Stored echoes over those without multipath, by `Radar.multipath`, in dense samples of town03."""
+
 DETECTIONS_BYTES = 3_000.0
 """Size of the detections of one sample, measured on eight scenarios [bytes]."""
 
@@ -19,7 +22,9 @@ MAP_PIXEL_BYTES, IQ_SAMPLE_BYTES = 4.0, 8.0
 
 def _estimate(config: Radar) -> Estimate:
     stored = "carla" if config.mode == "carla" else config.output
-    size = config.ray_count * BYTES_PER_RAY[stored] if stored in BYTES_PER_RAY else DETECTIONS_BYTES
+    size = DETECTIONS_BYTES
+    if stored in BYTES_PER_RAY:
+        size = config.ray_count * BYTES_PER_RAY[stored] * ECHOES_PER_RAY[config.multipath]
     columns = {"range_azimuth": config.azimuth_antennas, "range_doppler": config.chirps}
     size += sum(columns[kind] for kind in config.maps) * (config.range_cells + 1) * MAP_PIXEL_BYTES
     if config.iq:
@@ -28,8 +33,16 @@ def _estimate(config: Radar) -> Estimate:
 
 
 def _kernels(config: Radar, on_gpu: bool) -> Mapping[str, float]:
-    cells = {"radar.resolution_cells": 1, "radar.detection": 1}
-    return {"radar.trace": 3} | (cells if config.mode == "physical" and config.output == "detections" else {})
+    modules = {"radar.trace": 3}
+    if config.mode == "physical" and config.output == "detections":
+        modules |= {"radar.resolution_cells": 1, "radar.detection": 1}
+        if config.needs_paths:
+            modules["radar.path_sums"] = 1
+    if config.needs_paths:
+        modules["radar.bounce_paths"] = 4
+    if config.multipath != "none":
+        modules["radar.echo_paths"] = 3
+    return modules
 
 
 SPEC = SensorSpec(

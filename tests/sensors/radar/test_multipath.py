@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from mmw.config import MountConfig
 from mmw.core.errors import InputError
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.em.surface_response import material_response
@@ -18,7 +19,7 @@ from mmw.sensors.radar.mirrors import mirror_table
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.trace import dense_points
 from tests.fixtures.radar_scenes import AT_ORIGIN, CLEAR, dense, watched, with_paths
-from tests.fixtures.scenes import box_model, box_part, ground_part, material, pose, wall_part
+from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, material, pose, wall_part
 from tests.oracles.radar_multipath import lambert_sphere_phase, propagation_factor, vertical_reflection
 
 LEAVES = replace(material("leaves"), nonvisual_base="leaf_grass", radio=RadioMaterial.absorber())
@@ -264,6 +265,28 @@ def test_a_mirror_that_moves_gives_the_image_twice_its_speed(device):
         ghost = select(found, kind)
         share = watts(ghost) / watts(ghost).sum()
         assert share @ ghost.velocity == pytest.approx(speed, abs=0.05)
+
+
+def test_the_own_body_is_seen_in_a_mirror_ahead(device):
+    """A car 20 m in front of a plate: its radar sees the plate, and its own front again at twice the distance."""
+    config = WIDE.model_copy(
+        update={"on": ("cav",), "mount": {"cav": MountConfig(position_m=(2.5, 0.0, 0.5))}, "horizontal_fov_deg": 10.0}
+    )
+    car = box_model("car", (4.5, 1.8, 1.5), (0.0, 0.0, 0.0), material=0)
+    plate = box_part("Buildings/plate", (0.2, 30.0, 30.0), (22.35, 0.0, 0.0), "plate", "building")
+    poses = np.array([[pose(0.1 * (k - 2), 0.0)] for k in range(5)])
+    arrays = arrays_from_parts(
+        [plate], [car], [("cav_1", "cav", 0)], poses, materials={"leaves": LEAVES, "plate": CONDUCTOR}
+    )
+    found = echoes(arrays, device, config, [2])
+    ghost, direct = select(found, 4), select(found, 0)
+    assert arrays.actors[0].object_id not in direct.object_id
+    assert set(ghost.object_id) == {arrays.actors[0].object_id} and len(ghost.range) > 100
+    # The plate is 19.75 m ahead of the radar and 20 m ahead of the car's front.
+    assert ghost.range.min() == pytest.approx(19.75 + 20.0, abs=1e-3)
+    head_on = np.argmin(ghost.range)
+    assert ghost.velocity[head_on] == pytest.approx(-20.0, abs=0.01)  # the image comes at twice 10 m/s
+    assert len(select(found, 2).range) == len(select(found, 3).range) == 0
 
 
 def test_ghosts_that_are_not_resolved_add_up(device):
