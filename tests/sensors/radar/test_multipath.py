@@ -17,6 +17,7 @@ from mmw.scene.scene_data import Prototype, SceneData
 from mmw.sensors import Radar
 from mmw.sensors.radar.mirrors import mirror_table
 from mmw.sensors.radar.points import RadarPoints
+from mmw.sensors.radar.resolution_cells import bin_rays, sum_cells
 from mmw.sensors.radar.trace import dense_points
 from tests.fixtures.radar_scenes import AT_ORIGIN, CLEAR, dense, watched, with_paths
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, material, pose, wall_part
@@ -77,7 +78,10 @@ def two_ray(alone: RadarPoints, mine: np.ndarray, height: float, reflect, rms_he
 
 @pytest.mark.parametrize(("height", "rms_height", "beam"), [(0.6, 0.0, 30.0), (0.9, 0.004, 30.0), (1.2, 0.0, 4.0)])
 def test_lobes_over_ground_are_those_of_the_two_ray_model(device, height, rms_height, beam):
-    """Each ray's power over that without ground, against F^4 at its own height: 0.5 dB, except in nulls below 1 %."""
+    """Each ray's power over that without ground, against F^4 at its own height: 0.1 dB, except in nulls below 1 %.
+
+    The oracle's heights follow from angles in float32, which turn the phase by up to 0.01; it is 0.06 dB near a null.
+    """
     ground = material("asphalt")
     ground = replace(ground, radio=replace(ground.radio, rms_height=rms_height))
     config = NARROW.model_copy(update={"vertical_beam_deg": beam})
@@ -92,7 +96,7 @@ def test_lobes_over_ground_are_those_of_the_two_ray_model(device, height, rms_he
     ratio = watts(found)[first][is_target] / watts(alone)[is_target]
     is_lobe = expected > 0.01
     assert len(ratio) > 2000 and is_lobe.mean() > 0.8
-    assert np.abs(10.0 * np.log10(ratio[is_lobe] / expected[is_lobe])).max() < 0.5
+    assert np.abs(10.0 * np.log10(ratio[is_lobe] / expected[is_lobe])).max() < 0.1
     assert ratio[~is_lobe].max() < 0.02
     if rms_height == 0.0 and beam == 30.0:
         assert ratio.max() > 8.0 and ratio.min() < 1e-3  # 12 dB at best for a perfect mirror
@@ -148,7 +152,7 @@ def test_ground_is_found_over_a_curb(device):
     expected = two_ray(alone, mine, 1.0, lambda angle: vertical_reflection(eta, angle))
     ratio = watts(found)[found.path_type == 0][mine] / watts(alone)[mine]
     is_lobe = expected > 0.01
-    assert np.abs(10.0 * np.log10(ratio[is_lobe] / expected[is_lobe])).max() < 0.5
+    assert np.abs(10.0 * np.log10(ratio[is_lobe] / expected[is_lobe])).max() < 0.1
 
 
 # Ghosts
@@ -346,8 +350,17 @@ def test_water_on_the_road_changes_the_lobes(device):
         found = echoes(over_ground(1.2, ground, distances), device, config)
         ratio = watts(found)[found.path_type == 0][mine] / watts(alone)[mine]
         is_lobe = factors[-1] > 0.01
-        assert np.abs(10.0 * np.log10(ratio / factors[-1]))[is_lobe].max() < 0.5
+        assert np.abs(10.0 * np.log10(ratio / factors[-1]))[is_lobe].max() < 0.1
     assert np.abs(10.0 * np.log10(factors[1] / factors[0])).max() > 3.0
+
+
+@pytest.mark.parametrize("multipath", ["none", "ground", "full"])
+def test_no_views_have_no_echoes(device, multipath):
+    config = WIDE.model_copy(update={"multipath": multipath, "coherent": True, "on": ("cav",)})
+    rays, _ = with_paths(behind_a_plate(CONDUCTOR), device, config)
+    assert rays.power.shape[0] == rays.turns.shape[0] == 0
+    assert len(sum_cells(bin_rays(config, rays), rays, coherent=True).power) == 0
+    assert dense_points(rays, config).offsets.tolist() == [0]
 
 
 @pytest.mark.parametrize(
