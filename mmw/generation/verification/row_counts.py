@@ -42,7 +42,7 @@ COLUMNS = {
     "frames": COUNTED,
     "poses": ("role", "object_id"),
     "lidar": ("object_id",),
-    "radar": ("object_id",),
+    "radar": ("object_id", "path_type"),
     "boxes_2d": ("pixels",),
     "links": ("path_count",),
 }
@@ -176,11 +176,10 @@ def _visibility(
     used = {table for sensor in config.sensors for table in spec_of(sensor).tables_of(sensor)}
     parts = []
     for table in sorted(used & {"lidar", "radar"} & set(tables)):
-        rows = tables[table].select([SHARD, *SAMPLE_KEY, "object_id"]).combine_chunks()
-        lists = rows["object_id"].combine_chunks()
-        row, object_id = (part.to_numpy() for part in (pc.list_parent_indices(lists), pc.list_flatten(lists)))
+        rows = tables[table].combine_chunks()
+        row, object_id = _points_on_objects(rows)
         pairs = pc.unique(pa.array(row.astype(np.int64) << 32 | object_id.astype(np.uint32))).to_numpy()
-        found = rows.drop_columns("object_id").take(pa.array(pairs >> 32))
+        found = rows.select([SHARD, *SAMPLE_KEY]).take(pa.array(pairs >> 32))
         parts.append(found.append_column("object_id", pa.array(pairs.astype(np.int32))))
     seen = _select({"all": pa.concat_tables(parts)} if parts else {}, "all", key)
     seen = seen.join(boxes, keys=[SHARD, "frame", "object_id"], join_type="left semi", use_threads=False)
@@ -195,6 +194,18 @@ def _visibility(
             on = pairs.filter(_is_on(antenna, pairs, agents, names))
             parts.append(_with(on, "sensor", names.number(antenna.name)))
     return _with(pa.concat_tables([part.select(key) for part in parts]), COUNT, 1)
+
+
+def _points_on_objects(rows: pa.Table) -> tuple[np.ndarray, np.ndarray]:
+    """Return row and object of each point of a sensor; echoes of multipath lie on no object."""
+    lists = rows["object_id"].combine_chunks()
+    row, object_id = (part.to_numpy() for part in (pc.list_parent_indices(lists), pc.list_flatten(lists)))
+    if "path_type" not in rows.column_names:
+        return row, object_id
+    paths, is_on = rows["path_type"].combine_chunks(), np.ones(len(row), dtype=bool)
+    has_paths = paths.is_valid().to_numpy(zero_copy_only=False)
+    is_on[has_paths[row]] = pc.list_flatten(paths).to_numpy() == 0
+    return row[is_on], object_id[is_on]
 
 
 def _paths(links: pa.Table, table: str) -> pa.Table:

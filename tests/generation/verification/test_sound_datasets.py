@@ -10,8 +10,9 @@ import warp as wp
 
 from mmw.__main__ import main as mmw
 from mmw.cli.run import main
+from mmw.dataset import open_dataset
 from mmw.storage import atomic_files
-from tests.fixtures.own_world import DATA, SMALL, run_own, write_own_world
+from tests.fixtures.own_world import DATA, SMALL, STAGE, run_own, write_own_world
 from tests.fixtures.small_dataset import small_dataset
 
 pytestmark = pytest.mark.slow
@@ -69,6 +70,28 @@ def test_every_sensor(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixtur
     shutil.copy(DATA / "mine.usda", tmp_path)
     shutil.copy(DATA / "every_sensor.yaml", tmp_path)
     assert run_own(tmp_path, "d", config="every_sensor.yaml") == 0
+    assert_sound(tmp_path / "d", capsys)
+
+
+def test_ghosts_are_on_no_object(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """A car sees itself in a wall ahead, and nothing of itself directly: it has no row in `box_visibility`."""
+    write_own_world(tmp_path)
+    wall = """    def Mesh "Wall"
+    {
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(20, -9, 0), (20, -9, 9), (20, 9, 9), (20, 9, 0)]
+    }
+    def Xform "Ego"
+"""
+    (tmp_path / "mine.usda").write_text(STAGE.replace('    def Xform "Ego"\n', wall))
+    radar = "{type: radar, on: [cav], multipath: full, output: dense, mount: {cav: {position_m: [3, 0, 0.5]}}}"
+    assert run_own(tmp_path, "d", f"sensors=[{radar}]", "channel.enabled=false") == 0
+    frame = open_dataset(tmp_path / "d").frame("mine", "sunny", 0)
+    (car,) = (agent for agent in frame.agents.values() if agent.role == "cav")
+    own, row = car.row["object_id"], frame.row_of("radar", car.name, "radar")
+    paths = {kind for kind, number in zip(row["path_type"], row["object_id"], strict=True) if number == own}
+    assert paths == {4}
     assert_sound(tmp_path / "d", capsys)
 
 
