@@ -262,6 +262,8 @@ def trace_ghost(
 ):  # fmt: skip
     """Store the target that a ray meets after a mirror reflection at its first hit, and its legs.
 
+    Two hits on one vehicle or person are left out.
+
     `plane` and `distance` are those of the hit; the whole leg is at most `t_max` long [m].
     """
     pose = views.pose[view]
@@ -280,6 +282,8 @@ def trace_ghost(
     far = closest_hit(scene, batch_index, start, out, reach, ignore)
     if far.object_id < 0 or is_ground(far.instance, far.normal):
         return
+    if far.instance >= 0 and far.instance == hit.instance:
+        return  # the roughness of bodywork has it: `BODYWORK` of `mmw.sensors.radar.reflectivity`
     face_plane = plane_of(scene, batch_index, far.face, far.instance, point)
     onward = exact_distance(face_plane, point, k_out, far.t)
     target = point + onward * k_out

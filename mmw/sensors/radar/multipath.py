@@ -54,7 +54,7 @@ def trace_paths(scene: DeviceScene, views: Views, velocity: np.ndarray, config: 
 
     The ground is what the town has of nearly level surfaces; it mirrors what a ray hits, if the reflection point and
     both parts of the way are free. Anything else that a ray hits is a mirror for the ray to go on by once. Ground is no
-    target of either.
+    target of either, and a vehicle or a person is none of its own mirrors, whose roughness represents that already.
 
     Args:
         scene: Town and vehicles, with the views' frames loaded.
