@@ -23,7 +23,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import warp as wp
@@ -31,6 +31,7 @@ import warp as wp
 from bench import first_hit
 from bench.scenes import grid_town, shipped_town, with_vehicles
 from mmw import __version__
+from mmw.config.foliage import FoliageModel
 from mmw.config.lens import LensConfig
 from mmw.core.bvh_default import BVH_VARIABLE
 from mmw.core.bvh_kind import kind_to_build, select_bvh
@@ -227,6 +228,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     parser.add_argument("--format", choices=("human", "json"), default="human", help="json: one line a result")
     parser.add_argument("--frames", type=int, help="frames in one launch (64 on CUDA, 2 on the CPU)")
     parser.add_argument("--scene", default="grid", help="grid (procedural), or a shipped town such as town03")
+    parser.add_argument("--foliage", choices=get_args(FoliageModel), default="hull", help="crowns of trees")
     parser.add_argument("--rays", choices=[preset.name for preset in PRESETS], help="only this kind")
     parser.add_argument("--repeats", type=int, default=10, help="timed launches")
     parser.add_argument("--block-dim", type=int, default=64, help="threads in a block")
@@ -294,17 +296,23 @@ def run(options: argparse.Namespace) -> list[Result]:
         kernels: tuple[Any, ...] = (first_hit.sphere_kernel, first_hit.camera_kernel, first_hit.lidar_kernel)
         for kernel in kernels:
             kernel.options["cuda_max_registers"] = options.max_registers
-    town = grid_town() if options.scene == "grid" else shipped_town(options.scene)
+    town = grid_town() if options.scene == "grid" else shipped_town(options.scene, options.foliage)
     arrays = with_vehicles(town, options.frames)
     scenes = (without_vehicles(arrays), arrays)
     static, full = (
-        DeviceScene(a, options.device, options.frames, instance_constructor=options.instance_constructor)
+        DeviceScene(
+            a,
+            options.device,
+            options.frames,
+            instance_constructor=options.instance_constructor,
+        )
         for a in scenes
     )
     about = machine(options.device)
     if options.format == "human":
         print(", ".join(f"{key} {value}" for key, value in about.items()))
-        print(f"{len(arrays.faces):,} triangles, {len(arrays.actors)} vehicles, {options.frames} frames in one launch")
+        triangles = len(static.optical.arrays.faces)
+        print(f"{triangles:,} triangles, {len(arrays.actors)} vehicles, {options.frames} frames in one launch")
         print("rays     levels        Mrays  median ms  Grays/s   hits  vehicle   JIT s")
     results = []
     for scene, levels in ((static, "static"), (full, "two-level")):
@@ -312,7 +320,7 @@ def run(options: argparse.Namespace) -> list[Result]:
         for preset in PRESETS:
             if options.rays in (None, preset.name):
                 result = measure(
-                    scene, make_views(arrays, preset, options.device), preset, levels, options, options.hits
+                    scene.optical, make_views(arrays, preset, options.device), preset, levels, options, options.hits
                 )
                 results.append(result)
                 print(json.dumps({**asdict(result), **about}) if options.format == "json" else line(result), flush=True)
@@ -324,6 +332,7 @@ def without_vehicles(arrays: SceneData) -> SceneData:
     return SceneData(
         arrays.points, arrays.faces, arrays.material, arrays.object_id, arrays.surface, (), (), arrays.frames,
         np.zeros((len(arrays.frames), 0, 7)), arrays.materials, arrays.objects,
+        foliage=arrays.foliage,
     )  # fmt: skip
 
 

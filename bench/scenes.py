@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import trimesh
 
+from mmw.config.foliage import FoliageModel
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.resources import town_path
 from mmw.physics.materials.material import Material, RadioMaterial
@@ -58,9 +59,9 @@ def grid_town(blocks: int = BLOCKS, *, with_surfaces: bool = True) -> SceneData:
     )  # fmt: skip
 
 
-def shipped_town(name: str) -> SceneData:
+def shipped_town(name: str, foliage: FoliageModel = "hull") -> SceneData:
     """Return a shipped town without vehicles."""
-    return read_stage(town_path(name), range(1), ["sunny"])
+    return read_stage(town_path(name), range(1), ["sunny"], foliage=foliage)
 
 
 def with_vehicles(town: SceneData, frames: int) -> SceneData:
@@ -97,7 +98,7 @@ def with_vehicles(town: SceneData, frames: int) -> SceneData:
         objects.append(SceneObject(first + v, path, "car", 14, ("concrete",), f"veh_{v:03d}"))
     return SceneData(
         town.points, town.faces, town.material, town.object_id, town.surface, models, tuple(actors), range(frames),
-        poses, town.materials, tuple(objects),
+        poses, town.materials, tuple(objects), foliage=town.foliage,
     )  # fmt: skip
 
 

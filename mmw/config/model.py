@@ -10,6 +10,7 @@ from mmw.config.agent_keys import check_agent
 from mmw.config.air import AirConfig, resolve_air
 from mmw.config.channel import ChannelConfig
 from mmw.config.compute import ComputeConfig
+from mmw.config.foliage import FoliageModel
 from mmw.config.material_map import MaterialEntry, merged_maps
 from mmw.config.output import OutputConfig
 from mmw.config.sampling import Sampling
@@ -45,6 +46,11 @@ class Config(Section):
         default_factory=dict,
         description="glob of prim path or material name, or `label:` and a class -> material that the meshes get in "
         "every scenario: a radio material (`itu_brick`), or properties (map)",
+    )
+    foliage: FoliageModel = Field(
+        default="hull",
+        description="crowns of trees to sensors: `hull`, a solid body; `leaves`, leaves that light and radar pass "
+        "between. Radio waves meet the hull in both (name)",
     )
     channel: ChannelConfig = Field(default_factory=ChannelConfig, description="radio links (section)")
     output: OutputConfig = Field(default_factory=OutputConfig, description="the dataset folder (section)")
@@ -221,6 +227,8 @@ class Config(Section):
             del data["output"][key]
         if self.vary is None:
             del data["vary"]  # as before there was such a key
+        if self.foliage == "hull":
+            del data["foliage"]  # likewise
         return data
 
     def sha256(self) -> str:

@@ -53,7 +53,7 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
             channel = batch.config.channel
             due = channel.is_due(frames, batch.arrays.rate_hz)
             for antenna in channel.antennas:
-                sight = trace_sight(batch.scene, frames, antenna, due)
+                sight = trace_sight(batch.scene.optical, frames, antenna, due)
                 collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
@@ -11,6 +12,7 @@ from mmw.core.kinematics import differentiate
 from mmw.core.transforms import make_pose, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
+from mmw.scene.foliage import MESH, has_same_crowns, optical_arrays
 from mmw.scene.scene_data import MODEL_NONE, SceneData
 
 REBASE_BEYOND_M = 2000.0
@@ -27,6 +29,14 @@ def scene_origin(points: np.ndarray) -> np.ndarray:
     if len(points) == 0 or np.abs(points).max() <= REBASE_BEYOND_M:
         return np.zeros(3)
     return np.round(0.5 * (points.min(axis=0) + points.max(axis=0)))
+
+
+def copy_struct(struct: structs.Scene, **changed: object) -> structs.Scene:
+    """Return the argument of kernels with some fields changed; arrays are shared."""
+    other = structs.Scene()
+    for name in structs.Scene.vars:
+        setattr(other, name, changed.get(name, getattr(struct, name)))
+    return other
 
 
 class DeviceScene:
@@ -85,6 +95,24 @@ class DeviceScene:
         self.struct = structs.Scene()
         self._load_meshes()
         self._load_models()
+        self._optical: DeviceScene | None = None
+        self._may_have_leaves = arrays.foliage == "leaves"
+
+    @property
+    def optical(self) -> "DeviceScene":
+        """The scene as light and radar meet it, which sensors trace; the radio channel traces the scene itself.
+
+        It is the scene itself, or one with leaves in place of the hulls of crowns that shares the loaded batch and all
+        else, made at the first call. `load_batch` and `replace_arrays` are for the scene alone, which passes them on.
+        """
+        if self._optical is None and self._may_have_leaves:
+            leafy = optical_arrays(self.arrays)
+            self._may_have_leaves = leafy is not self.arrays
+            if self._may_have_leaves:
+                self._optical = self._with_arrays(leafy)
+                self._optical.struct = copy_struct(self.struct)
+                self._optical._load_meshes()
+        return self if self._optical is None else self._optical
 
     @property
     def batch_size(self) -> int:
@@ -102,8 +130,8 @@ class DeviceScene:
         The meshes on the device stay, so that this costs no build of a tree.
 
         Args:
-            arrays: The scene with the same meshes: `points`, `faces`, `models` and the actors that have geometry are
-                those that the device holds.
+            arrays: The scene with the same meshes: `points`, `faces`, `models`, the actors that have geometry and
+                what is foliage are those that the device holds.
 
         Raises:
             ValueError: If a mesh is another one.
@@ -111,6 +139,7 @@ class DeviceScene:
         self._check_meshes("replace_arrays", arrays)
         self.arrays, self.instance_actor, self.batch_frames = arrays, instance_actors(arrays), ()
         self._differentiate()
+        self._optical = self._optical_with(arrays)
 
     def with_agents(self, arrays: SceneData) -> "DeviceScene":
         """Return the scene with further actors without geometry, which shares the loaded batch and all else.
@@ -125,15 +154,32 @@ class DeviceScene:
             ValueError: If a mesh is another one.
         """
         self._check_meshes("with_agents", arrays)
+        other = self._with_arrays(arrays)
+        if self.optical is not self:
+            other._optical = self._optical_with(arrays)
+        return other
+
+    def _with_arrays(self, arrays: SceneData) -> "DeviceScene":
+        """Return the scene with other arrays and everything else shared, which is its own optical scene."""
         other = copy(self)
         other.arrays, other.instance_actor = arrays, instance_actors(arrays)
+        other._optical, other._may_have_leaves = None, False
         return other
+
+    def _optical_with(self, arrays: SceneData) -> "DeviceScene | None":
+        """Return the optical scene with all but the static mesh of other arrays; None if there is none yet."""
+        if self._optical is None:
+            return None
+        leafy = {name: getattr(self._optical.arrays, name) for name in MESH}
+        return self._optical._with_arrays(replace(arrays, **leafy))
 
     def _check_meshes(self, method: str, arrays: SceneData) -> None:
         meshes = ("points", "faces", "material", "object_id", "surface", "models")
         own, other = instance_actors(self.arrays), instance_actors(arrays)
-        if any(getattr(arrays, name) is not getattr(self.arrays, name) for name in meshes) or (
-            [self.arrays.actors[i] for i in own] != [arrays.actors[i] for i in other]
+        if (
+            any(getattr(arrays, name) is not getattr(self.arrays, name) for name in meshes)
+            or [self.arrays.actors[i] for i in own] != [arrays.actors[i] for i in other]
+            or not has_same_crowns(self.arrays, arrays)
         ):
             raise ValueError(f"{method}: another mesh or another actor with geometry; make a new DeviceScene")
 
@@ -227,6 +273,12 @@ class DeviceScene:
             raise ValueError(f"batch of {len(frames)} frames; this scene holds 1 to {self.max_batch_frames} at a time")
         rows = [self.arrays.frame_row(int(frame)) for frame in frames]
         self.batch_frames = tuple(int(frame) for frame in frames)
+        self._load_poses(rows)
+        if self._optical is not None:  # its arrays of poses are these
+            self._optical.batch_frames, self._optical.sweep_s = self.batch_frames, self.sweep_s
+            self._optical._instances, self._optical.struct.instances = self._instances, self.struct.instances
+
+    def _load_poses(self, rows: Sequence[int]) -> None:
         if self.struct.instance_count == 0:
             return
         pose = self.arrays.poses[rows][:, self.instance_actor]

@@ -10,6 +10,7 @@ from pxr import Usd
 from pydantic import ValidationError
 
 from mmw.config import Config, ScenarioConfig, load_config
+from mmw.config.foliage import FoliageModel, check_foliage
 from mmw.config.material_map import MaterialEntry, merged_maps
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
@@ -52,6 +53,7 @@ def load_scene(
     weather: Weathers | None = None,
     materials: Mapping[str, Any] | None = None,
     actor_roles: Mapping[str, str] | None = None,
+    foliage: FoliageModel | None = None,
     base: str | Path = ".",
     device: str = "auto",
     **options: Any,
@@ -71,6 +73,8 @@ def load_scene(
             `itu_concrete`, or properties as in `materials` of a configuration, whatever the source says; it comes
             before `materials` of a configuration.
         actor_roles: Of a stage: prim path -> one of `mmw.usd.actors.ROLES`.
+        foliage: `hull`: crowns of trees are solid to sensors; `leaves`: they are leaves, which light passes between.
+            None is what a configuration says, otherwise `hull`. Radio waves meet the hull in both.
         base: Folder that relative paths in a `Config` start from.
         device: Warp device: `auto`, `cpu` or `cuda:N`.
         options: Options of the importer of other formats, such as `up="y"` and `unit="cm"` (`mmw import --list`).
@@ -98,8 +102,11 @@ def load_scene(
     if is_config:
         config = source if isinstance(source, Config) else load_config(source)
         config.check_single("a scene")
+        if foliage is not None:
+            config = config.model_copy(update={"foliage": check_foliage("load_scene: foliage", foliage)})
         base = Path(base) if isinstance(source, Config) else Path(source).parent
         return _from_config(config, base, scenario or "", frame, weather, materials, device)
+    crowns = check_foliage("load_scene: foliage", "hull" if foliage is None else foliage)
     rate = check_frame_rate(FRAME_RATE_HZ if rate_hz is None else rate_hz)
     weathers = _weathers("sunny" if weather is None else weather, {})
     entries, files = _entries(materials, weathers), None
@@ -114,7 +121,7 @@ def load_scene(
         path, entries = _imported(path, files.path, entries, options), {}
     variants = {key: values.variants(key) for key, values in weathers.items()}
     wanted = _stage_frames(path, frames, frame, rate)
-    data = read_stage(path, wanted, variants, rate_hz=rate, roles=actor_roles, material_map=entries)
+    data = read_stage(path, wanted, variants, rate_hz=rate, roles=actor_roles, material_map=entries, foliage=crowns)
     _log_notes(data)
     return Scene(data, weathers, frame=frame, device=device, name=name, files=files)
 
@@ -144,6 +151,7 @@ def _from_config(
         data = read_stage(
             stage, _inner(config, scenario), variants, margin=1, rate_hz=config.frame_rate_of(scenario),
             roles=scenario.actor_roles, material_map=config.materials_of(scenario), physics=config.channel.physics,
+            foliage=config.foliage,
         )  # fmt: skip
     _log_notes(data)
     first = config.frames_of(scenario).start if frame is None else frame

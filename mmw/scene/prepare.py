@@ -190,6 +190,7 @@ def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
         physics=config.channel.physics,
+        foliage=config.foliage,
     )
 
 
@@ -209,4 +210,5 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),
         physics=config.channel.physics,
+        foliage=config.foliage,
     )

@@ -1,11 +1,13 @@
 """Read a scenario stage, mmw's or the user's own, into `SceneData`."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from pxr import Usd
 
+from mmw.config.foliage import FoliageModel
 from mmw.config.physics_presets import Physics
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
@@ -42,6 +44,7 @@ def read_stage(
     roles: Mapping[str, str] | None = None,
     material_map: MaterialMap | None = None,
     physics: Physics = "paper",
+    foliage: FoliageModel = "hull",
 ) -> SceneData:
     """Read town, actors, poses and materials of a stage.
 
@@ -61,6 +64,7 @@ def read_stage(
             whatever the stage says.
         physics: Preset of the channel; beyond `paper`, materials of the shipped library are more than the paper's, see
             `mmw.usd.standard_materials`.
+        foliage: What sensors meet where there are crowns of trees.
 
     Returns:
         The scene in the world frame (z up, meters).
@@ -115,7 +119,8 @@ def read_stage(
         )
     materials, ids = _materials(stage, switches, reader, variants, physics)
     notes = _idle_patterns(reader)
-    return _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), notes, rate_hz)
+    data = _assemble(static, actors, moving, frames, poses, materials, ids, tuple(reader.notes), notes, rate_hz)
+    return replace(data, foliage=foliage)
 
 
 def _frame_times(stage: Usd.Stage, name: str, frames: range, margin: int, rate_hz: int) -> tuple[range, np.ndarray]:

@@ -339,7 +339,7 @@ class Scene:
             InputError: If shapes do not fit, or a value is not finite.
         """
         start, toward = ray_arrays(origins, directions, max_distance)
-        return cast_rays(self.device_scene, start, toward, max_distance=max_distance)
+        return cast_rays(self.device_scene.optical, start, toward, max_distance=max_distance)
 
     def capture(
         self,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from mmw.config.agent_keys import AgentIdentity
+from mmw.config.foliage import FoliageModel
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.frame_rate import pose_stride
 from mmw.physics.materials.material import Material
@@ -146,6 +147,8 @@ class SceneData:
     """Notes on the user's material map, one line each."""
     rate_hz: int = FRAME_RATE_HZ
     """Frames a second."""
+    foliage: FoliageModel = "hull"
+    """What light and radar meet where the static world has crowns of trees, see `mmw.config.foliage`."""
 
     def __post_init__(self) -> None:
         _fill_corners(self, "the town")

@@ -14,6 +14,7 @@ from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.weather.weather import Weather
 from mmw.scene import scene_edits as edits
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.foliage import has_same_crowns
 from mmw.scene.scene_data import SceneData, SceneObject
 
 Value = TypeVar("Value")
@@ -265,9 +266,11 @@ class SceneState:
             for number in ids:
                 row[number] = replace(row[number], radio=change(row[number].radio), radar_radio=None)
             tables[name] = tuple(row)
-        before, self._data = _kinds(self.data), replace(self.data, materials=tables)
+        before, self._data = self.data, replace(self.data, materials=tables)
         self._arrays, self._is_loaded = None, False
-        if _kinds(self.data) != before:
+        if not has_same_crowns(before, self.data):
+            self._meshes_changed(self.data)
+        elif _kinds(self.data) != _kinds(before):
             self._kept.clear()
 
     def _material_id(self, where: str, name: str) -> int:

@@ -55,20 +55,20 @@ class Batch:
         """Return the input of a sensor with these views in some weathers."""
         air = {name: self.weather(name) for name in weathers}
         seed, scenario = self.config.seed, self.scenario.name
-        return SensorInput(self.scene, self.motion, views, air, seed, scenario, cache=self.cache)
+        return SensorInput(self.scene.optical, self.motion, views, air, seed, scenario, cache=self.cache)
 
     def rgb_camera(self, debug: bool) -> RgbRenderer:
         """Return what renders RGB images in all weathers; textures and skies are made at the first call."""
         weathers = {name: self.weather(name) for name in self.config.weathers}
         with self.clock.stage("textures and skies"):
-            return rgb_renderer(self.cache, self.scene, weathers, self.config.seed, debug)
+            return rgb_renderer(self.cache, self.scene.optical, weathers, self.config.seed, debug)
 
     @cached_property
     def alpha_cutouts(self) -> "shading.AppearanceTable | None":
         """Appearance of a scene with cut-out textures, whose holes the rays of all cameras pass; None without any."""
         if self.rgb_sensors:
             return self.rgb_camera(self.rgb_sensors[0].debug).alpha_cutouts
-        return alpha_cutouts(self.scene)
+        return alpha_cutouts(self.scene.optical)
 
     def texture_notes(self) -> list[str]:
         """Return the notes for the user on textures, one line each; nothing without RGB cameras."""

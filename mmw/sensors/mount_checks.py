@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from mmw.channel.path_solver.foliage import foliage_faces
 from mmw.config import Config
 from mmw.config.agent_keys import AGENT_ROLES
 from mmw.config.sensor_spec import spec_of
@@ -10,6 +9,7 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.enclosing_objects import enclosing_objects
+from mmw.scene.foliage import foliage_faces
 from mmw.scene.scene_data import SceneData
 from mmw.usd.actors import FIXED_ROLES
 

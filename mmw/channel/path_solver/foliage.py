@@ -5,11 +5,11 @@ import warp as wp
 
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.bvh import build_bvhs
-from mmw.core.planar_surfaces import components, weld
+from mmw.core.planar_surfaces import weld
 from mmw.kernels.channel.foliage import Hulls, length_inside_kernel
 from mmw.kernels.core import structs
-from mmw.scene.device_scene import DeviceScene
-from mmw.scene.scene_data import SceneData
+from mmw.scene.device_scene import DeviceScene, copy_struct
+from mmw.scene.foliage import closed_bodies, foliage_faces
 
 BOX_MARGIN_M = 0.01
 """Enlargement of the boxes of faces [m]: a ray in single precision meets the box of every face that it crosses."""
@@ -74,7 +74,7 @@ class Foliage:
         points = scene.arrays.points - scene.origin
         used, index = np.unique(faces, return_inverse=True)
         index = weld(points[used])[index.reshape(faces.shape)]
-        is_closed, is_turned = closed_bodies(points[used], index)
+        is_closed, is_turned, _ = closed_bodies(points[used], index)
         self.open_faces = int((~is_closed).sum())
         if not is_closed.any():
             return None
@@ -95,10 +95,7 @@ class Foliage:
         """Return the argument of kernels that trace the scene, with its loaded batch, as if there were no foliage."""
         if not self._town:
             return scene.struct
-        struct = structs.Scene()
-        for name in structs.Scene.vars:
-            setattr(struct, name, self._town.get(name, getattr(scene.struct, name)))
-        return struct
+        return copy_struct(scene.struct, **self._town)
 
     def lengths_inside(self, scene: DeviceScene, tx: np.ndarray, rx: np.ndarray, found: TracedPaths) -> np.ndarray:
         """Return how long each path runs inside foliage [m], shape [P], float64.
@@ -127,42 +124,3 @@ class Foliage:
             block_dim=64,
         )
         return np.bincount(np.nonzero(is_segment)[0], weights=length.numpy(), minlength=count)
-
-
-def foliage_faces(arrays: SceneData) -> np.ndarray:
-    """Return which faces of the static world are foliage in some weather, shape [M], bool."""
-    by_weather = [[m.radio.medium == "foliage" for m in some] for some in arrays.materials.values()]
-    is_leafy = np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
-    return is_leafy[arrays.material] if len(arrays.material) else np.zeros(0, dtype=bool)
-
-
-def closed_bodies(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return which faces close a volume with those that they are connected to by edges, and which look inward.
-
-    In a closed body every edge is run through as often in one direction as in the other.
-
-    Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Vertex indices, the same for vertices in one place, shape [M, 3].
-
-    Returns:
-        Both of shape [M], bool; faces that close nothing do not look inward.
-
-    Source: volume by the divergence theorem, sum of p0 . (p1 x p2) / 6 over the faces, about a corner of the body.
-    """
-    begin, end = faces.reshape(-1), faces[:, [1, 2, 0]].reshape(-1)
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    edge = np.unique(low * (int(faces.max(initial=0)) + 1) + high, return_inverse=True)[1].reshape(-1)
-    balance = np.bincount(edge, weights=np.sign(end - begin))
-    order = np.argsort(edge, kind="stable")
-    is_same = edge[order][1:] == edge[order][:-1]
-    face = order // 3
-    body = components(len(faces), face[1:][is_same], face[:-1][is_same])
-    loose = np.bincount(body, weights=(balance[edge] != 0.0).reshape(-1, 3).any(axis=1), minlength=len(faces))
-    corner = points[faces].astype(np.float64)
-    corner -= corner[body][:, :1]
-    volume = np.bincount(
-        body, weights=np.einsum("fk,fk->f", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), minlength=len(faces)
-    )
-    is_closed = loose[body] == 0.0
-    return is_closed, is_closed & (volume[body] < 0.0)

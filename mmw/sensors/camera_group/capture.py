@@ -31,7 +31,7 @@ def capture_cameras(
 
 def _record(batch: Batch, launch: Launch, boxes: Boxes, collected: TableRows) -> None:
     with batch.clock.stage(launch.name, launch.pixels):
-        buffer = trace_launch(batch.scene, launch, batch.alpha_cutouts)
+        buffer = trace_launch(batch.scene.optical, launch, batch.alpha_cutouts)
     for range_m in sorted({camera.sensor.range_m for camera in launch.cameras}):
         _record_range(batch, launch, buffer, range_m, boxes, collected)
     if launch.rgb:

@@ -8,6 +8,7 @@ import rerun as rr
 from mmw.core.errors import InputError
 from mmw.dataset.camera_geometry import POSE_COLUMNS
 from mmw.generation.provenance import stored_config
+from mmw.scene.foliage import optical_arrays
 from mmw.scene.prepare import read_frame, stored_stage
 from mmw.scene.scene_data import SceneData
 from mmw.viz.rerun.entities import TOWN
@@ -46,7 +47,8 @@ def read_town(scope: Scope) -> list[SurfaceMesh]:
     root = Path(data.root)
     config = stored_config(root)
     scenario = config.scenario(scope.scenario)
-    arrays = read_frame(config, scenario, stored_stage(root, scenario), scope.frames[0], scope.weather)
+    stage = stored_stage(root, scenario)
+    arrays = optical_arrays(read_frame(config, scenario, stage, scope.frames[0], scope.weather))
     rows = data.numpy(
         "poses", columns=["agent", *POSE_COLUMNS[:2]], scenario=scope.scenario, weather=scope.weather, frames=scope.span
     )

@@ -79,7 +79,7 @@ def load_renderer(
     """Return a renderer of one frame of a scene that was read for some weathers."""
     scene = DeviceScene(arrays, choose_device(device), 1)
     scene.load_batch([frame])
-    return StillRenderer(scene, weathers, seed=seed)
+    return StillRenderer(scene.optical, weathers, seed=seed)
 
 
 class StillRenderer:

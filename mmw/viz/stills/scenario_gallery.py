@@ -92,7 +92,7 @@ def draw_scenario(
     cameras = {camera.name: resized(camera, size) for camera in paper_cameras()}
     with tempfile.TemporaryDirectory() as folder:
         stage = prepare_scenario(config, scenario, base, Path(folder))
-        arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1)
+        arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1, foliage=config.foliage)
         weathers = {name: config.air[name].weather(name) for name in config.weathers}
         pictures = load_renderer(arrays, frame, weathers, seed=config.seed, device=device)
         rsu = next((actor.name for actor in arrays.actors if actor.role == "rsu"), "rsu")

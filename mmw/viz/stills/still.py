@@ -114,7 +114,7 @@ def draw_scenario(
         stage = prepare_scenario(config, found, path.parent, Path(folder))
         arrays = read_stage(
             stage, _frames(frame), {weather: variants}, margin=1, rate_hz=config.frame_rate_of(found),
-            roles=found.actor_roles, material_map=config.materials_of(found),
+            roles=found.actor_roles, material_map=config.materials_of(found), foliage=config.foliage,
         )  # fmt: skip
         pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed, device=device)
         if not viewpoint.camera:

@@ -1,0 +1,107 @@
+"""Find the foliage of a scene, and put leaves in place of the hulls of its crowns."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from mmw.core.planar_surfaces import components, weld
+from mmw.scene.leaf_cards import LeafCards, leaf_cards
+from mmw.scene.scene_data import SceneData
+
+MESH = ("points", "faces", "material", "object_id", "surface", "uv", "normals")
+"""Fields of `SceneData` that hold the mesh of the static world."""
+
+
+def optical_arrays(arrays: SceneData) -> SceneData:
+    """Return a scene as light and radar meet it: leaf cards in place of hulls of crowns if its foliage is `leaves`.
+
+    A card has object, material and surface of the hull's face that it lies below. Foliage that closes no volume, such
+    as leaves of the stage's own, stays as it is, and so does that of instances, which move. A crown is named by its
+    object and its number in it: its leaves do not depend on the rest of the scene.
+
+    Returns:
+        The scene; `arrays` itself if it has no such hull.
+    """
+    if arrays.foliage == "hull":
+        return arrays
+    row = np.flatnonzero(foliage_faces(arrays))
+    if not len(row):
+        return arrays
+    faces = arrays.faces[row]
+    used, index = np.unique(faces, return_inverse=True)
+    vertex = weld(arrays.points[used])[index.reshape(faces.shape)]
+    is_closed, is_turned, body = closed_bodies(arrays.points[used], vertex)
+    if not is_closed.any():
+        return arrays
+    outward = np.where(is_turned[:, None], faces[:, ::-1], faces)
+    made: list[LeafCards] = []
+    below: list[np.ndarray] = []
+    number: dict[int, int] = {}
+    closed = np.flatnonzero(is_closed)
+    order = closed[np.argsort(body[closed], kind="stable")]
+    for own in np.split(order, np.flatnonzero(np.diff(body[order])) + 1):
+        thing = int(arrays.object_id[row[own[0]]])
+        number[thing] = number.get(thing, -1) + 1
+        name = arrays.objects[thing].prim_path if arrays.objects else str(thing)
+        made.append(leaf_cards(arrays.points, outward[own], seed=f"{name} {number[thing]}"))
+        below.append(row[own][made[-1].hull_face])
+    keep = np.ones(len(arrays.faces), dtype=bool)
+    keep[row[closed]] = False
+    hull_face = np.concatenate(below)
+    first = len(arrays.points) + np.cumsum([0] + [len(cards.points) for cards in made[:-1]])
+    leaves = {
+        "points": np.concatenate([cards.points for cards in made]),
+        "faces": np.concatenate([cards.faces + k for cards, k in zip(made, first, strict=True)]).astype(np.int32),
+        "uv": np.concatenate([cards.uv for cards in made]),
+        "normals": np.concatenate([cards.normals for cards in made]),
+        **{name: getattr(arrays, name)[hull_face] for name in ("material", "object_id", "surface")},
+    }
+    old = {name: getattr(arrays, name) if name == "points" else getattr(arrays, name)[keep] for name in MESH}
+    return replace(arrays, **{name: np.concatenate([old[name], leaves[name]]) for name in MESH})
+
+
+def has_same_crowns(one: SceneData, other: SceneData) -> bool:
+    """Return whether two scenes with the same mesh have leaves in the same places, or both have none."""
+    if one.foliage != other.foliage or one.foliage == "hull" or one.materials is other.materials:
+        return one.foliage == other.foliage
+    return np.array_equal(foliage_faces(one), foliage_faces(other))
+
+
+def foliage_faces(arrays: SceneData) -> np.ndarray:
+    """Return which faces of the static world are foliage in some weather, shape [M], bool."""
+    by_weather = [[m.radio.medium == "foliage" for m in some] for some in arrays.materials.values()]
+    is_leafy = np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
+    return is_leafy[arrays.material] if len(arrays.material) else np.zeros(0, dtype=bool)
+
+
+def closed_bodies(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which faces close a volume with those that they are connected to by edges, and which look inward.
+
+    In a closed body every edge is run through as often in one direction as in the other.
+
+    Args:
+        points: Vertices [m], shape [N, 3].
+        faces: Vertex indices, the same for vertices in one place, shape [M, 3].
+
+    Returns:
+        Both of shape [M], bool; faces that close nothing do not look inward. And the body of each face: the lowest of
+        the faces that it is connected to, itself included, shape [M].
+
+    Source: volume by the divergence theorem, sum of p0 . (p1 x p2) / 6 over the faces, about a corner of the body.
+    """
+    begin, end = faces.reshape(-1), faces[:, [1, 2, 0]].reshape(-1)
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    edge = np.unique(low * (int(faces.max(initial=0)) + 1) + high, return_inverse=True)[1].reshape(-1)
+    balance = np.bincount(edge, weights=np.sign(end - begin))
+    order = np.argsort(edge, kind="stable")
+    is_same = edge[order][1:] == edge[order][:-1]
+    face = order // 3
+    body = components(len(faces), face[1:][is_same], face[:-1][is_same])
+    loose = np.bincount(body, weights=(balance[edge] != 0.0).reshape(-1, 3).any(axis=1), minlength=len(faces))
+    corner = points[faces].astype(np.float64)
+    corner -= corner[body][:, :1]
+    volume = np.bincount(
+        body, weights=np.einsum("fk,fk->f", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), minlength=len(faces)
+    )
+    is_closed = loose[body] == 0.0
+    return is_closed, is_closed & (volume[body] < 0.0), body
