@@ -11,6 +11,7 @@ from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
 from mmw.config.sampling import Sampling
 from mmw.config.sensor_spec import spec_of
 from mmw.physics.materials.permittivity import extrapolation_notes
+from mmw.scene.foliage import foliage_faces
 from mmw.scene.scene_data import SceneData
 
 
@@ -36,6 +37,8 @@ def configuration_warnings(arrays: SceneData, config: Config, scenario: Scenario
                 f"{frames.start} to {frames.stop - 1} is one: no rows of it"
             )
     yield from arrays.material_notes
+    if config.foliage == "leaves" and not foliage_faces(arrays).any():
+        yield "foliage = leaves finds nothing: no material of the static world has the medium foliage"
     if config.channel.enabled:
         yield from _channel_warnings(arrays, config)
     if any(spec_of(sensor).needs_appearance for sensor in config.sensors):

@@ -38,7 +38,7 @@ WIDTH = 0.75
 """Width of a card over its length [-]: a kite, pointed at its ends as a twig is. Design value."""
 
 WIDEST = -0.1
-"""Where a card is widest, from its middle toward its tip, over its length [-]; design value."""
+"""Place of a card's largest width, from its middle toward its tip, over its length [-]; design value."""
 
 BARE = 0.5
 """Share of the way from the middle of a crown to its hull that holds no leaves, but boughs [-]; design value."""

@@ -148,7 +148,7 @@ class SceneData:
     rate_hz: int = FRAME_RATE_HZ
     """Frames a second."""
     foliage: FoliageModel = "hull"
-    """What light and radar meet where the static world has crowns of trees, see `mmw.config.foliage`."""
+    """Crowns of trees of the static world as light and radar meet them, see `mmw.config.foliage`."""
 
     def __post_init__(self) -> None:
         _fill_corners(self, "the town")

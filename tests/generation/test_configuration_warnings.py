@@ -49,6 +49,8 @@ def found(arrays: SceneData, *changes: str) -> list[str]:
         (SMOOTH, "channel.foliage=true", "channel.foliage finds nothing: no material of the scene has the medium"),
         (LEAVES, "channel={foliage: true, diffuse_reflection: true}", ""),
         (LEAVES, "channel.diffuse_reflection=true", "channel.diffuse_reflection finds nothing"),
+        (SMOOTH, "foliage=leaves", "foliage = leaves finds nothing: no material of the static world has the medium"),
+        (LEAVES, "foliage=leaves", ""),
         (SMOOTH, "channel.links=[v2v]", "channel.links has v2v, but the scenario has 1 CAV, 1 RSU: no such link"),
         (ROUGH, "channel={max_depth: 0, diffuse_reflection: true}", "channel.max_depth = 0 leaves the line of sight"),
         (SMOOTH, "channel={los: false, specular_reflection: false}", "los and all interactions are switched off"),

@@ -1,7 +1,8 @@
 """Trees: closed crowns with lumps, whose normals are smooth, on tapered trunks.
 
-No leaf is cut out: every sensor sees the same closed crown. A crown is one surface around its middle, the outer hull
-of several round clumps, so that no triangle is hidden inside it. Frame as in `props.py`.
+No leaf is cut out: `mmw.scene.leaf_cards` makes leaves inside a crown when a scene is loaded. A crown is one surface
+around its middle, the outer hull of several round clumps, so that no triangle is hidden inside it. Frame as in
+`props.py`.
 """
 
 import itertools
