@@ -8,6 +8,9 @@ from mmw.core.planar_surfaces import components, weld
 from mmw.scene.leaf_cards import LeafCards, leaf_cards
 from mmw.scene.scene_data import SceneData
 
+SHEET_M = 0.05
+"""Mean thickness below which a closed body is a leaf itself, or a sheet of them, and no crown [m]; design value."""
+
 MESH = ("points", "faces", "material", "object_id", "surface", "uv", "normals")
 """Fields of `SceneData` that hold the mesh of the static world."""
 
@@ -15,9 +18,9 @@ MESH = ("points", "faces", "material", "object_id", "surface", "uv", "normals")
 def optical_arrays(arrays: SceneData) -> SceneData:
     """Return a scene as light and radar meet it: leaf cards in place of hulls of crowns if its foliage is `leaves`.
 
-    A card has object, material and surface of the hull's face that it lies below. Foliage that closes no volume, such
-    as leaves of the stage's own, stays as it is, and so does that of instances, which move. A crown is named by its
-    object and its number in it: its leaves do not depend on the rest of the scene.
+    A card has object, material and surface of the hull's face that it lies below. Foliage that closes no volume, or
+    sheets, such as leaves of the stage's own, stay as they are, and so does that of instances, which move. A crown is
+    named by its object and its number in it: its leaves do not depend on the rest of the scene.
 
     Returns:
         The scene; `arrays` itself if it has no such hull.
@@ -31,14 +34,15 @@ def optical_arrays(arrays: SceneData) -> SceneData:
     used, index = np.unique(faces, return_inverse=True)
     vertex = weld(arrays.points[used])[index.reshape(faces.shape)]
     is_closed, is_turned, body = closed_bodies(arrays.points[used], vertex)
+    outward = np.where(is_turned[:, None], faces[:, ::-1], faces)
+    is_closed &= ~_sheets(arrays.points[outward], body)
     if not is_closed.any():
         return arrays
-    outward = np.where(is_turned[:, None], faces[:, ::-1], faces)
+    closed = np.flatnonzero(is_closed)
+    order = closed[np.argsort(body[closed], kind="stable")]
     made: list[LeafCards] = []
     below: list[np.ndarray] = []
     number: dict[int, int] = {}
-    closed = np.flatnonzero(is_closed)
-    order = closed[np.argsort(body[closed], kind="stable")]
     for own in np.split(order, np.flatnonzero(np.diff(body[order])) + 1):
         thing = int(arrays.object_id[row[own[0]]])
         number[thing] = number.get(thing, -1) + 1
@@ -58,6 +62,15 @@ def optical_arrays(arrays: SceneData) -> SceneData:
     }
     old = {name: getattr(arrays, name) if name == "points" else getattr(arrays, name)[keep] for name in MESH}
     return replace(arrays, **{name: np.concatenate([old[name], leaves[name]]) for name in MESH})
+
+
+def _sheets(corner: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Return which faces, of corners [M, 3, 3] in m, belong to bodies [M] thinner than `SHEET_M`, shape [M], bool."""
+    from_body = corner - corner[body][:, :1]
+    cross = np.cross(from_body[:, 1] - from_body[:, 0], from_body[:, 2] - from_body[:, 0])
+    volume = np.bincount(body, weights=np.einsum("fx,fx->f", from_body[:, 0], cross) / 6.0)
+    area = np.bincount(body, weights=0.5 * np.linalg.norm(cross, axis=1))
+    return (volume < 0.5 * SHEET_M * area)[body]
 
 
 def has_same_crowns(one: SceneData, other: SceneData) -> bool:

@@ -25,8 +25,12 @@ PROJECTION = 0.5
 """G: mean projection of a unit of leaf area whose normals are distributed as those of a sphere [-]."""
 
 CARD_AREA_M2 = 0.075
-"""Area of a card of a crown that is neither small nor large [m2], a twig with its leaves: about 300 cards in a street
-tree. Design value: with 200 they look like scraps of paper from 10 m away."""
+"""Area of a card [m2], a twig with its leaves: about 300 cards in a street tree. Design value: with 200 they look like
+scraps of paper from 10 m away."""
+
+SLENDER = 0.35
+"""Largest length of a mean card over the smallest side of the box about the hull [-]: hedges have smaller cards than
+trees. Design value."""
 
 CARDS = (40, 700)
 """Fewest and most cards of a closed hull; beyond, their area changes instead. Design values."""
@@ -39,9 +43,6 @@ WIDTH = 0.75
 
 WIDEST = -0.1
 """Place of a card's largest width, from its middle toward its tip, over its length [-]; design value."""
-
-BARE = 0.5
-"""Share of the way from the middle of a crown to its hull that holds no leaves, but boughs [-]; design value."""
 
 SOFTNESS = 0.85
 """Share of the crown's rounded shape in the normals that cards are shaded with; the rest is their own direction [-].
@@ -90,16 +91,16 @@ class _Hull:
         Args:
             points: From the middle [m], shape [P, 3].
         """
-        depth = points @ self.normal.T
+        depth = _products(points, self.normal)
         is_beside = depth <= 0.0
         for plane in self.edge_plane:
-            is_beside |= points @ plane.T < 0.0
+            is_beside |= _products(points, plane) < 0.0
         depth[is_beside] = np.inf
         return depth
 
 
 def leaf_area_density(points: np.ndarray, faces: np.ndarray, leaf_area_index: float = LEAF_AREA_INDEX) -> float:
-    """Return the leaf area in a cubic meter of a closed hull, its bare middle included [m2/m3].
+    """Return the leaf area in a cubic meter of a closed hull [m2/m3].
 
     Args:
         points: Vertices [m], shape [N, 3].
@@ -120,29 +121,29 @@ def leaf_cards(
 ) -> LeafCards:
     """Return the leaf cards of a closed hull.
 
-    Their middles are spread evenly over the hull without its bare middle, as far from its surface as lets them reach
-    it; what would stand out is drawn in to the surface. Their normals have the spherical distribution.
+    Their middles are spread evenly over the hull, as far from its surface as lets them reach it; what would stand out
+    is drawn in to the surface. Their normals have the spherical distribution.
 
     Args:
         points: Vertices of the hull [m], shape [N, 3].
         faces: Triangles, counter-clockwise from outside, which close a volume, shape [M, 3].
         seed: Names the crown; the same one gives the same cards.
         leaf_area_index: Area of all cards over the ground area below the hull [-].
-        count: Number of cards; None for one that goes with the leaf area, see `CARD_AREA_M2` and `CARDS`.
+        count: Number of cards; None for one that goes with the leaf area, see `CARD_AREA_M2`, `SLENDER` and `CARDS`.
     """
     hull = _hull(points, faces)
     leaf_area = leaf_area_index * _ground_area(hull)
+    extent = np.ptp(hull.corner.reshape(-1, 3), axis=0)
     if count is None:
-        count = int(np.clip(round(leaf_area / CARD_AREA_M2), *CARDS))
+        area = min(CARD_AREA_M2, 0.5 * WIDTH * (SLENDER * float(extent.min())) ** 2)
+        count = int(np.clip(round(leaf_area / area), *CARDS))
     key = random_key("leaf cards", seed)
     drawn = _uniform(key, 0, count, 8)
     low, high = SIZES
     share = low + (high - low) * drawn[:, 0]
     length = share * np.sqrt(leaf_area / (0.5 * WIDTH * (share**2).sum()))
-    radius = (0.75 / np.pi * hull.volume.sum()) ** (1.0 / 3.0)
-    reach = max(1.0 - REACH * float(length.mean()) / radius, BARE)
     middle, face = _places(hull, key, count)
-    middle *= reach
+    middle *= np.maximum(1.0 - 2.0 * REACH * float(length.mean()) / extent, 0.5)
     # Normal evenly over the sphere, and a direction in the plane of the card.
     up, turn, spin = 2.0 * drawn[:, 1] - 1.0, 2.0 * np.pi * drawn[:, 2], 2.0 * np.pi * drawn[:, 3]
     flat = np.sqrt(1.0 - up**2)
@@ -150,7 +151,6 @@ def leaf_cards(
     aside = np.stack([-np.sin(turn), np.cos(turn), np.zeros(count)], axis=1)
     other = np.cross(normal, aside)
     along = np.cos(spin)[:, None] * aside + np.sin(spin)[:, None] * other
-    extent = np.ptp(hull.corner.reshape(-1, 3), axis=0)
     is_inward = np.einsum("kx,kx->k", normal, middle / extent**2) < 0.0
     normal[is_inward] *= -1.0
     across = np.cross(normal, along)
@@ -189,6 +189,17 @@ def _hull(points: np.ndarray, faces: np.ndarray) -> _Hull:
     return _Hull(middle, corner, volume, plane, normal)
 
 
+def _products(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the scalar products of vectors [P, 3] and [F, 3], shape [P, F].
+
+    Not by BLAS, whose last bits depend on the machine, and whose threads wait for each other on busy cores.
+    """
+    total = one[:, :1] * other[:, 0]
+    for axis in (1, 2):
+        total += one[:, axis, None] * other[:, axis]
+    return total
+
+
 def _volumes(corner: np.ndarray) -> np.ndarray:
     return np.einsum("fx,fx->f", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])) / 6.0
 
@@ -210,7 +221,7 @@ def _uniform(key: tuple[int, int], block: int, count: int, width: int) -> np.nda
 
 
 def _places(hull: _Hull, key: tuple[int, int], count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return places evenly over a hull without its bare middle, from its middle [m], and the face above each.
+    """Return places evenly over a hull, from its middle [m], and the face above each.
 
     A place is drawn in one of the tetrahedra, after their volumes. Where these overlap, in a hull that hides parts of
     itself from its middle, a place counts once, and only inside.
@@ -223,14 +234,13 @@ def _places(hull: _Hull, key: tuple[int, int], count: int) -> tuple[np.ndarray, 
     while sum(map(len, place)) < count:
         drawn = _uniform(key, block, count if is_star else CANDIDATES * count, 8)
         face = np.minimum(np.searchsorted(up_to, drawn[:, 0], side="right"), len(size) - 1)
-        depth = (BARE**3 + (1.0 - BARE**3) * drawn[:, 1]) ** (1.0 / 3.0)
+        depth = drawn[:, 1] ** (1.0 / 3.0)
         root, second = np.sqrt(drawn[:, 2]), drawn[:, 3]
         weight = np.stack([1.0 - root, root * (1.0 - second), root * second], axis=1)
         points = depth[:, None] * np.einsum("kc,kcx->kx", weight, hull.corner[face])
         if not is_star:
-            own = hull.depths(points)
-            winding = (own <= 1.0) @ np.sign(hull.volume)
-            ways = ((own >= BARE) & (own <= 1.0)).sum(axis=1)
+            is_below = hull.depths(points) <= 1.0
+            winding, ways = (is_below * np.sign(hull.volume)).sum(axis=1), is_below.sum(axis=1)
             keep = (winding > 0.5) & (drawn[:, 4] * ways < 1.0)
             points, face = points[keep], face[keep]
         place.append(points)

@@ -9,7 +9,6 @@ import pytest
 import mmw
 from mmw.config.foliage import check_foliage
 from mmw.core.errors import InputError
-from mmw.core.mesh import TriangleMesh
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
@@ -94,12 +93,19 @@ def test_equal_trees_have_leaves_of_their_own() -> None:
     assert np.abs(other - one - [0, 9.0, 0]).max() > 0.5
 
 
-def test_foliage_that_closes_no_volume_stays() -> None:
-    """Leaves that a stage brings are leaves already."""
-    mesh = TriangleMesh(np.array([(5.0, 5, 3), (6, 5, 3), (5, 6, 3)]), np.array([(0, 1, 2)], dtype=np.int32))
-    arrays = world(MeshPart("Props/own/leaf", mesh.points, mesh.faces, "leaf", "vegetation"))
-    leafy, own = optical_arrays(arrays), object_named(arrays, "own")
-    assert (leafy.object_id == own).sum() == (arrays.object_id == own).sum() == 1
+LEAF_CORNERS = np.array([(5.0, 5, 3), (6, 5, 3), (5, 6, 3)])
+LEAF_SIDES = np.array([(0, 1, 2), (2, 1, 0)], dtype=np.int32)
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+def test_leaves_of_the_stage_stay(sides: int) -> None:
+    """One side closes nothing; two back to back close a body without volume."""
+    own = MeshPart("Props/own/leaf", LEAF_CORNERS, LEAF_SIDES[:sides], "leaf", "vegetation")
+    arrays = world(own)
+    leafy, number = optical_arrays(arrays), object_named(arrays, "own")
+    assert (leafy.object_id == number).sum() == sides
+    only = optical_arrays(replace(arrays_from_parts([own], materials={"leaf": LEAF}), foliage="leaves"))
+    assert len(only.faces) == sides
 
 
 def test_hull_that_is_inside_out_has_leaves_too() -> None:
