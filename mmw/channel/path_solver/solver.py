@@ -1,7 +1,6 @@
 """Solve the paths of every link of a batch, with gains for all weathers and carriers of one trace."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,16 +13,15 @@ from mmw.channel.path_solver.path_names import path_names
 from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
-from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.channel.paths import AIR_LOSSES, PathSet, path_kinds
+from mmw.channel.path_solver.trace import Trace, losses_db, traced_transfer
+from mmw.channel.path_solver.weak_paths import without_weak_wedges
+from mmw.channel.paths import PathSet, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
-from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.em.diffraction import DiffractionModel, is_lit
-from mmw.physics.em.field import PathGeometry, combine
-from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
-from mmw.physics.em.path_gain import Interactions, path_transfer, wedge_terms_of
+from mmw.physics.em.field import combine
+from mmw.physics.em.path_gain import wedge_terms_of
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 from mmw.physics.weather.weather import Weather
@@ -48,29 +46,6 @@ def check_channel_materials(
             permittivity_table(materials, config.carriers_hz, used)
         except InputError as error:
             raise InputError(f"channel.carriers_hz, weather {weather}: {error}") from None
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Geometry of the paths of links, from which gains follow for any materials, carriers, antennas and air."""
-
-    search: Search
-    """Search for the links that were traced; its `links` are those."""
-    found: TracedPaths
-    geometry: PathGeometry
-    interactions: Interactions
-    range_rate: np.ndarray
-    """Rate of change of each path's length [m/s], shape [P]."""
-    foliage_m: np.ndarray
-    """Length of each path inside foliage that waves pass [m], shape [P]."""
-    links: Links
-    """All links, those that are the reverse of a traced one too."""
-    traced: np.ndarray
-    """Rows of `links` that were traced, shape [T]."""
-    reverse_of: np.ndarray
-    """Row of the traced link that each link is the reverse of, -1 for none, shape [L]."""
-    share: np.ndarray | None
-    """Share of the mirror's field that finite surfaces reflect, at every carrier, shape [P, C]; None if infinite."""
 
 
 def trace_links(
@@ -150,10 +125,12 @@ def path_gains(
     Raises:
         InputError: If a material on a path has no permittivity at a carrier; see `check_channel_materials` for all.
     """
-    search, found, geometry = trace.search, trace.found, trace.geometry
-    links, table = search.links, search.table
     is_whole = len(trace.traced) == len(trace.links)
     own = elements if is_whole else elements.take(trace.traced)
+    if config.dynamic_range_db is not None:
+        trace = without_weak_wedges(trace, config, materials, air, own, diffraction_model)
+    search, found, geometry = trace.search, trace.found, trace.geometry
+    links, table = search.links, search.table
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
     is_there = found.kind != 0
     paths = PathSet(
@@ -251,31 +228,14 @@ def _gains(
     diffraction_model: DiffractionModel,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
     """Return transfer [P, C, 2, 2], coefficient [P, C] and losses [P, C] of every weather."""
-    links, found, geometry, interactions = trace.search.links, trace.found, trace.geometry, trace.interactions
+    links, found, geometry, carriers = trace.search.links, trace.found, trace.geometry, config.carriers_hz
     rotations = links.tx.rotation, links.rx.rotation
     tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
-    tilt = elements.tx.tilt[found.link]
-    elevation = np.pi / 2 - geometry.theta_t
     transfer, a, loss_db = {}, {}, {}
-    in_foliage = foliage_loss_db(config.carriers_hz, trace.foliage_m)
-    terms = wedge_terms_of(geometry, interactions, config.carriers_hz, diffraction_model)
+    terms = wedge_terms_of(geometry, trace.interactions, carriers, diffraction_model)
     for weather, by_id in materials.items():
-        if trace.search.table.foliage is not None:
-            by_id = with_scattering_foliage(by_id)
-        if air is None or weather not in air:
-            loss_db[weather] = {name: np.zeros((len(found), len(config.carriers_hz))) for name in AIR_LOSSES}
-        else:
-            loss_db[weather] = path_loss_db(air[weather], config.carriers_hz, geometry.length, elevation, tilt)
-        loss_db[weather] = {**loss_db[weather], "foliage_db": in_foliage}
-        remaining = 10.0 ** (-sum(loss_db[weather].values()) / 20.0)
-        transfer[weather] = (
-            path_transfer(geometry, interactions, by_id, config.carriers_hz, diffraction_model, terms)
-            * remaining[:, :, None, None]
-        )
-        if trace.share is not None:
-            transfer[weather] *= trace.share[:, :, None, None]
-        columns = [
-            combine(rx_field, transfer[weather][:, c], tx_field)[:, 0, 0] for c in range(len(config.carriers_hz))
-        ]
+        loss_db[weather] = losses_db(trace, carriers, None if air is None else air.get(weather), elements)
+        transfer[weather] = traced_transfer(trace, carriers, by_id, loss_db[weather], diffraction_model, terms)
+        columns = [combine(rx_field, transfer[weather][:, c], tx_field)[:, 0, 0] for c in range(len(carriers))]
         a[weather] = np.stack(columns, axis=1)
     return transfer, a, loss_db

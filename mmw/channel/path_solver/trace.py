@@ -1,0 +1,103 @@
+"""Hold traced paths with their geometry, from which gains follow for any weather."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mmw.channel.antennas.link_elements import LinkElements
+from mmw.channel.links import Links
+from mmw.channel.path_solver.found_geometry import found_geometry
+from mmw.channel.path_solver.search import Search
+from mmw.channel.path_solver.traced_paths import TracedPaths
+from mmw.channel.paths import AIR_LOSSES
+from mmw.physics.em.attenuation import path_loss_db
+from mmw.physics.em.diffraction import DiffractionModel, WedgeTerms
+from mmw.physics.em.field import PathGeometry
+from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
+from mmw.physics.em.path_gain import Interactions, path_transfer
+from mmw.physics.materials.material import Material
+from mmw.physics.weather.weather import Weather
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Geometry of the paths of links, from which gains follow for any materials, carriers, antennas and air."""
+
+    search: Search
+    """Search for the links that were traced; its `links` are those."""
+    found: TracedPaths
+    geometry: PathGeometry
+    interactions: Interactions
+    range_rate: np.ndarray
+    """Rate of change of each path's length [m/s], shape [P]."""
+    foliage_m: np.ndarray
+    """Length of each path inside foliage that waves pass [m], shape [P]."""
+    links: Links
+    """All links, those that are the reverse of a traced one too."""
+    traced: np.ndarray
+    """Rows of `links` that were traced, shape [T]."""
+    reverse_of: np.ndarray
+    """Row of the traced link that each link is the reverse of, -1 for none, shape [L]."""
+    share: np.ndarray | None
+    """Share of the mirror's field that finite surfaces reflect, at every carrier, shape [P, C]; None if infinite."""
+
+    def take(self, rows: np.ndarray) -> "Trace":
+        """Return some of the paths."""
+        found = self.found.take(rows)
+        geometry, interactions = found_geometry(self.search, found)
+        return replace(
+            self,
+            found=found,
+            geometry=geometry,
+            interactions=interactions,
+            range_rate=self.range_rate[rows],
+            foliage_m=self.foliage_m[rows],
+            share=None if self.share is None else self.share[rows],
+        )
+
+
+def losses_db(
+    trace: Trace, carriers_hz: tuple[float, ...], air: Weather | None, elements: LinkElements
+) -> dict[str, np.ndarray]:
+    """Return what the air and foliage take from each path [dB], shape [P, C] each.
+
+    Args:
+        trace: The paths.
+        carriers_hz: Carrier frequencies [Hz].
+        air: State of the air; None for air without losses.
+        elements: Antenna elements at both ends of each traced link.
+    """
+    if air is None:
+        losses = {name: np.zeros((len(trace.found), len(carriers_hz))) for name in AIR_LOSSES}
+    else:
+        elevation, tilt = np.pi / 2 - trace.geometry.theta_t, elements.tx.tilt[trace.found.link]
+        losses = path_loss_db(air, carriers_hz, trace.geometry.length, elevation, tilt)
+    return {**losses, "foliage_db": foliage_loss_db(carriers_hz, trace.foliage_m)}
+
+
+def traced_transfer(
+    trace: Trace,
+    carriers_hz: tuple[float, ...],
+    materials: tuple[Material, ...],
+    losses: dict[str, np.ndarray],
+    model: DiffractionModel,
+    terms: tuple[WedgeTerms, ...],
+) -> np.ndarray:
+    """Return the polarimetric transfer of each path in one weather, with its losses, shape [P, C, 2, 2].
+
+    Args:
+        trace: The paths.
+        carriers_hz: Carrier frequencies [Hz].
+        materials: Materials of the weather by id.
+        losses: `losses_db` of the weather.
+        model: How wedges diffract.
+        terms: `wedge_terms_of` the paths.
+    """
+    if trace.search.table.foliage is not None:
+        materials = with_scattering_foliage(materials)
+    remaining = 10.0 ** (-sum(losses.values()) / 20.0)
+    transfer = path_transfer(trace.geometry, trace.interactions, materials, carriers_hz, model, terms)
+    transfer *= remaining[:, :, None, None]
+    if trace.share is not None:
+        transfer *= trace.share[:, :, None, None]
+    return transfer
