@@ -41,8 +41,8 @@ WEATHER = "sunny"
 SAME_LENGTH_M = 0.1
 """Largest change of length between two frames of what counts as one path [m]: 10 m/s over 0.01 s."""
 
-SAME_WAVE_RAD = np.radians(2.0)
-"""Largest change of the directions of departure and arrival of what counts as one wave: 0.5 m at 15 m."""
+SAME_WAVE_RAD = np.radians(1.0)
+"""Largest change of the directions of departure and arrival of what counts as one wave: 0.2 m at 10 m."""
 
 JUMP_DB = 3.0
 """Change of the level of one path from frame to frame that counts as a jump [dB]."""

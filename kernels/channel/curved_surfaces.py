@@ -207,12 +207,12 @@ def curved_point(
     share_c = y / cy
     share_b = (x - cx * share_c) / bx
     share_a = wp.float64(1.0) - share_b - share_c
-    if moved > wp.float64(1e-9) or wp.min(share_a, wp.min(share_b, share_c)) < -FACET_SLACK:
+    if not (moved <= wp.float64(1e-9) and wp.min(share_a, wp.min(share_b, share_c)) >= -FACET_SLACK):  # nor for NaN
         return out
     p = a + x * e1 + y * e2
     n = na + share_b * (nb - na) + share_c * (nc - na)
     n = wp.normalize(n)
-    if wp.dot(n, tx - p) <= wp.float64(0.0) or wp.dot(n, rx - p) <= wp.float64(0.0):
+    if not wp.min(wp.dot(n, tx - p), wp.dot(n, rx - p)) > wp.float64(0.0):
         return out
     bulge = HALF * (
         share_a * off_plane(p, a, na) + share_b * off_plane(p, a + ab, nb) + share_c * off_plane(p, a + ac, nc)

@@ -24,6 +24,9 @@ MAX_SAGITTA_M = 0.04
 WIDE_SAGITTA_M = 0.005
 """The same for facets that are no small ones: a panel with a rounded rim is flat, and its rim is curved [m]."""
 
+SLIVER_SHARE = 1e-3
+"""Faces with a smaller sine between two edges say nothing about curvature."""
+
 MAX_CONCAVE_RAD = np.radians(2.0)
 """Largest bend of a concave edge within a curved surface [rad]: less than meshes of convex bodies are wrong by."""
 
@@ -180,12 +183,12 @@ def _corner_curvatures(mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, no
     x = (b - a) / norm(b - a)[:, None]
     up = mesh.normal[own]
     y = np.cross(up, x)
-    run = np.stack([np.stack([dot(v, x), dot(v, y)], axis=1) for v in (b - a, c - a)], axis=2)  # [n, axis, edge]
-    rise = np.stack(
-        [np.stack([dot(v, x), dot(v, y)], axis=1) for v in (normal[:, 1] - normal[:, 0], normal[:, 2] - normal[:, 0])],
-        axis=2,
+    run, rise = (
+        np.stack([np.stack([dot(v, x), dot(v, y)], axis=1) for v in pair], axis=2)  # [n, axis, edge]
+        for pair in ((b - a, c - a), (normal[:, 1] - normal[:, 0], normal[:, 2] - normal[:, 0]))
     )
-    bend = rise @ np.linalg.inv(run)
+    is_wide = np.abs(np.linalg.det(run)) > SLIVER_SHARE * norm(b - a) * norm(c - a)
+    bend = np.where(is_wide[:, None, None], rise @ np.linalg.inv(np.where(is_wide[:, None, None], run, np.eye(2))), 0.0)
     share, direction = np.linalg.eigh(0.5 * (bend + bend.swapaxes(1, 2)))
     bend = (direction * np.maximum(share, 0.0)[:, None]) @ direction.swapaxes(1, 2)
     plane = np.stack([x, y], axis=2)

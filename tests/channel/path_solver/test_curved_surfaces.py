@@ -161,6 +161,20 @@ def test_small_bends_are_curved_and_corners_are_not(part: MeshPart, is_curved: b
         assert ((found.normal * out * [1, 1, np.ptp(out[..., 2]) < 2]).sum(axis=-1) > 0).all()
 
 
+def test_faces_without_area_change_nothing() -> None:
+    """A post with a sliver and a face on one line in its mantle has the normals and curvatures of one without."""
+    part = tube(0.11, 8, height=2.0)
+    sliver = np.array([[0, 1, 1], [0, 9, 9]], dtype=np.int32)
+    results = []
+    for faces in (part.faces, np.concatenate([part.faces, sliver])):
+        zero = np.zeros(len(faces), dtype=np.int64)
+        results.append(find_curved(part.points, faces, find_surfaces(part.points, faces, zero, zero), zero))
+    for name in ("normal", "curvature"):
+        one, other = (getattr(found, name)[: len(part.faces)] for found in results)
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    assert np.isfinite(results[1].curvature).all() and len(results[1].begin) == 16
+
+
 def test_the_outline_is_where_a_curved_surface_ends() -> None:
     """A closed ball has none; a tube its two rims, counter-clockwise seen from outside."""
     for part, edges in ((sphere(0.5, 12, 0.0), 0), (tube(0.11, 8, height=2.0), 16)):
