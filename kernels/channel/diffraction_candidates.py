@@ -2,7 +2,16 @@
 
 import warp as wp
 
-from mmw.kernels.channel.edges import Edge, Wedges, edge_point, edge_world, is_outside
+from mmw.kernels.channel.edges import (
+    Edge,
+    Wedges,
+    can_diffract,
+    edge_point,
+    edge_world,
+    is_outside,
+    most_edge_share,
+)
+from mmw.kernels.channel.finite_surfaces import fresnel_scale
 from mmw.kernels.channel.ray_launch import EMPTY_CELL
 from mmw.kernels.channel.reflection_candidates import (
     CandidateTree,
@@ -16,13 +25,16 @@ from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
     Surfaces,
+    in_plane_box,
     is_mirror,
     largest,
     mean_plane,
     mirror_point,
+    mirrored,
     to_carrier,
 )
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
+from mmw.kernels.core.geometry import reflection_point
 
 wp.set_module_options(DOUBLE_PRECISION)
 
@@ -98,6 +110,122 @@ def reaches(
         point = wp.vec3d(found[0], found[1], found[2])
         is_valid = points_in_boxes(ends, surfaces, pose, tree, parent, link, point)
     return is_valid
+
+
+@wp.func
+def is_far_aside(begin: wp.vec3d, end: wp.vec3d, tx: wp.vec3d, rx: wp.vec3d, detour: wp.float64) -> bool:
+    """Return whether no path over an edge from `begin` to `end` is as short as the line from tx to rx plus a detour.
+
+    Such paths lie in an ellipsoid about the line, whose small half axis is sqrt(d (d + 2 L)) / 2.
+    """
+    along = rx - tx
+    size = wp.dot(along, along)
+    middle = wp.float64(0.5) * (begin + end)
+    off = middle - tx - (wp.dot(middle - tx, along) / size) * along
+    half = wp.float64(0.5) * (end - begin)
+    aside = wp.dot(off, off)
+    reach = wp.dot(half, half)
+    wide = wp.float64(0.25) * detour * (detour + wp.float64(2.0) * wp.sqrt(size))
+    return aside > wp.float64(2.0) * (reach + wide)  # (a + b)^2 is at most 2 (a^2 + b^2)
+
+
+@wp.kernel
+def near_mirrors_kernel(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    link: wp.array[int],
+    plane: wp.array[int],
+    longest_m: wp.float64,
+    farthest: wp.float64,
+    # out
+    is_near_out: wp.array[wp.uint8],
+):
+    """Select the pairs of a link and a plane whose point of reflection is in the plane's box, or near it.
+
+    Near is at most `farthest` away, in Fresnel coordinates at the longest wavelength. Launch: dim=N.
+    """
+    pair = wp.tid()
+    own = link[pair]
+    lead = surfaces.lead[plane[pair]]
+    carrier = surfaces.carrier[lead]
+    normal = surfaces.normal[surfaces.row[lead]]
+    offset = surfaces.offset[surfaces.row[lead]]
+    tx = ends.tx[own, carrier]
+    rx = ends.rx[own, carrier]
+    is_near_out[pair] = wp.uint8(0)
+    if is_mirror(normal, offset, tx, rx):
+        point = reflection_point(tx, rx, normal, offset)
+        before = wp.length(point - tx)
+        behind = wp.length(rx - point)
+        cosine = wp.abs(wp.dot(normal, tx) - offset) / before
+        aside = wp.max(
+            wp.max(surfaces.plane_lower[plane[pair]] - point, point - surfaces.plane_upper[plane[pair]]), wp.vec3d()
+        )
+        if cosine * wp.length(aside) * fresnel_scale(longest_m, before, behind) <= farthest:
+            is_near_out[pair] = wp.uint8(1)
+
+
+@wp.kernel
+def near_edges_kernel(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    wedges: Wedges,
+    pose: wp.array2d[wp.transformd],
+    link: wp.array[int],
+    plane: wp.array[int],
+    wedge: wp.array[int],
+    is_behind: wp.bool,
+    shortest_m: wp.float64,
+    weakest: wp.float64,
+    detour_m: wp.float64,
+    # out
+    is_candidate_out: wp.array2d[wp.uint8],
+):
+    """Select the wedges past which a reflected path goes closely, before its plane or (`is_behind`) behind it.
+
+    A pair of `link` and `plane` is a reflection; a path around a wedge next to it is at most `detour_m` longer. Wedges
+    that have less than a share `weakest` of their wave at the shortest wavelength are left out. Launch: dim=(N, W).
+    """
+    pair, index = wp.tid()
+    is_candidate_out[pair, index] = wp.uint8(0)
+    own = link[pair]
+    batch_index = ends.batch_index[own]
+    tx = ends.tx[own, ends.tx.shape[1] - 1]
+    rx = ends.rx[own, ends.rx.shape[1] - 1]
+    mirror = mean_plane(surfaces, pose, batch_index, surfaces.lead[plane[pair]])
+    if not is_mirror(mirror.normal, mirror.offset, tx, rx):
+        return
+    begin = tx
+    end = mirrored(rx, mirror)
+    other = rx
+    if is_behind:
+        begin = mirrored(tx, mirror)
+        end = rx
+        other = tx
+    one = wedges.begin[wedge[index]]
+    two = wedges.end[wedge[index]]
+    carrier = wedges.carrier[wedge[index]]
+    if carrier < pose.shape[1]:
+        one = wp.transform_point(pose[batch_index, carrier], one)
+        two = wp.transform_point(pose[batch_index, carrier], two)
+    if is_far_aside(one, two, begin, end, detour_m):
+        return
+    edge = edge_world(wedges, pose, batch_index, wedge[index])
+    found = edge_point(edge, begin, end)
+    if not found[3] > wp.float64(0.0):
+        return
+    point = wp.vec3d(found[0], found[1], found[2])
+    longer = wp.length(point - begin) + wp.length(end - point) - wp.length(end - begin)
+    if not (longer <= detour_m and is_mirror(mirror.normal, mirror.offset, point, other)):
+        return
+    if not can_diffract(wedges, wedge[index], edge, begin, end):
+        return
+    if most_edge_share(wedges.reach[wedge[index]], shortest_m, point, begin, end) < weakest:
+        return
+    on_plane = mirror_point(mirror, point, other)
+    if in_plane_box(surfaces, pose, batch_index, plane[pair], on_plane):
+        is_candidate_out[pair, index] = wp.uint8(1)
 
 
 @wp.func

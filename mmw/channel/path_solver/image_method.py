@@ -8,6 +8,7 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
+from mmw.channel.path_solver.near_edges import near_edge_candidates
 from mmw.channel.path_solver.scatter_paths import find_patches
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
@@ -80,7 +81,14 @@ def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
     if config.specular_reflection and config.candidates == "launch" and is_pair.any():
         yield from _shared_reflections(search, is_pair)
     elif config.specular_reflection:
-        yield from reflected_candidates(search, search.forward, backward)
+        single: list[tuple[np.ndarray, np.ndarray]] = []
+        for part in reflected_candidates(search, search.forward, backward):
+            if backward is not None and table.outlines is not None and part[2]:
+                own = part[1][:, 1] == -1
+                single.append((part[0][own], part[1][own, 0]))
+            yield part
+        if single:
+            yield from near_edge_candidates(search, *map(np.concatenate, zip(*single, strict=True)))
     if has_wedges:
         yield from _wedge_candidates(search)
     if backward is not None:
