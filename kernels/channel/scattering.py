@@ -20,6 +20,64 @@ from mmw.kernels.core.trace import closest_hit_raw, surface_of
 wp.set_module_options(DOUBLE_PRECISION)
 
 
+ROOT_2 = wp.constant(wp.float64(1.4142135623730951))
+ROOT_3 = wp.constant(wp.float64(1.7320508075688772))
+
+
+@wp.struct
+class RayHit:
+    """Surface that a ray meets."""
+
+    surface: int
+    """Global surface, -1 for none."""
+    distance: wp.float64
+    """Distance to its plane from the point that the ray comes from [m]."""
+    normal: wp.vec3d
+    """Its unit normal, turned against the ray."""
+
+
+@wp.func
+def next_hit(
+    scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
+    begin: wp.vec3d, vertex: wp.vec3d, direction: wp.vec3d,
+) -> RayHit:  # fmt: skip
+    """Return the surface that a ray from `vertex`, which starts at `begin` off its surface, meets next."""
+    hit = RayHit()
+    near = closest_hit_raw(scene, batch_index, single(begin - origin), single(direction), wp.inf, MISS_ID)
+    hit.surface = MISS_ID
+    surface = surface_of(scene, near)
+    if surface != MISS_ID:
+        at = begin + wp.float64(near.t) * direction
+        plane = plane_at(surfaces, pose, batch_index, surface, at)
+        along = wp.dot(plane.normal, direction)
+        hit.distance = (plane.offset - wp.dot(plane.normal, vertex)) / along
+        if wp.abs(along) > wp.float64(1e-6) and hit.distance > MIN_PATH_M:
+            hit.surface = surface
+            hit.normal = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
+    return hit
+
+
+@wp.func
+def hemisphere_direction(ray: int, normal: wp.vec3d) -> wp.vec3d:
+    """Return a direction of ray `ray` on the side of a unit normal; those of all rays are even over solid angle.
+
+    Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
+    properties of algebraic numbers", Los Alamos report LA-1342, 1951: fractional parts of multiples of roots, which
+    have no relation to those of the golden ratio, by which rays leave the transmitter.
+    """
+    height = wp.float64(ray) * ROOT_2
+    turn = wp.float64(ray) * ROOT_3
+    z = height - wp.floor(height)
+    azimuth = wp.float64(2.0) * wp.float64(wp.PI) * (turn - wp.floor(turn))
+    axis = wp.vec3d(wp.float64(1.0), wp.float64(0.0), wp.float64(0.0))
+    if wp.abs(normal[0]) > wp.float64(0.9):
+        axis = wp.vec3d(wp.float64(0.0), wp.float64(1.0), wp.float64(0.0))
+    one = wp.normalize(wp.cross(normal, axis))
+    other = wp.cross(normal, one)
+    across = wp.sqrt(wp.max(wp.float64(1.0) - z * z, wp.float64(0.0)))
+    return across * wp.cos(azimuth) * one + across * wp.sin(azimuth) * other + z * normal
+
+
 @wp.kernel
 def scatter_kernel(
     scene: Scene,
@@ -53,35 +111,55 @@ def scatter_kernel(
     hit_count = wp.int32(0)
     is_active = wp.bool(True)
     while is_active and hit_count < depth:
-        near = closest_hit_raw(scene, own_batch_index, single(begin - origin), single(direction), wp.inf, MISS_ID)
-        surface = surface_of(scene, near)
-        is_active = surface != MISS_ID
+        hit = next_hit(scene, surfaces, pose, origin, own_batch_index, begin, vertex, direction)
+        is_active = hit.surface != MISS_ID
         if is_active:
-            at = begin + wp.float64(near.t) * direction
-            plane = plane_at(surfaces, pose, own_batch_index, surface, at)
-            along = wp.dot(plane.normal, direction)
-            distance = (plane.offset - wp.dot(plane.normal, vertex)) / along
-            is_active = wp.abs(along) > wp.float64(1e-6) and distance > MIN_PATH_M
-            if is_active:
-                normal = wp.where(along > wp.float64(0.0), -plane.normal, plane.normal)
-                vertex = vertex + distance * direction
-                lift = lift_at(vertex - origin)
-                surface_out[source, ray, hit_count] = surface
-                point_out[source, ray, hit_count] = vertex
-                normal_out[source, ray, hit_count] = normal
-                if (passes >> hit_count) & 1 == 1:
-                    kind_out[source, ray, hit_count] = TRANSMISSION
-                    is_active = surfaces.is_slab[surface] != wp.uint8(0)
-                    begin = vertex - lift * normal
-                else:
-                    kind_out[source, ray, hit_count] = SPECULAR
-                    is_active = is_mirroring == 1
-                    direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(normal, direction) * normal)
-                    begin = vertex + lift * normal
-                hit_count = hit_count + 1
+            vertex = vertex + hit.distance * direction
+            lift = lift_at(vertex - origin)
+            surface_out[source, ray, hit_count] = hit.surface
+            point_out[source, ray, hit_count] = vertex
+            normal_out[source, ray, hit_count] = hit.normal
+            if (passes >> hit_count) & 1 == 1:
+                kind_out[source, ray, hit_count] = TRANSMISSION
+                is_active = surfaces.is_slab[hit.surface] != wp.uint8(0)
+                begin = vertex - lift * hit.normal
+            else:
+                kind_out[source, ray, hit_count] = SPECULAR
+                is_active = is_mirroring == 1
+                direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(hit.normal, direction) * hit.normal)
+                begin = vertex + lift * hit.normal
+            hit_count = hit_count + 1
     while hit_count < depth:
         surface_out[source, ray, hit_count] = MISS_ID
         hit_count = hit_count + 1
+
+
+@wp.kernel
+def second_patch_kernel(
+    scene: Scene,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    origin: wp.vec3d,
+    batch_index: wp.array[int],
+    ray: wp.array[int],
+    point: wp.array[wp.vec3d],
+    normal: wp.array[wp.vec3d],
+    # out
+    surface_out: wp.array[int],
+    point_out: wp.array[wp.vec3d],
+    normal_out: wp.array[wp.vec3d],
+):
+    """Send one ray from each patch, in a direction of its hemisphere, and write what it meets.
+
+    `surface_out` is -1 where it meets nothing; `normal_out` is turned against the ray. Launch: dim=B, block_dim=64.
+    """
+    row = wp.tid()
+    direction = hemisphere_direction(ray[row], normal[row])
+    begin = point[row] + lift_at(point[row] - origin) * normal[row]
+    hit = next_hit(scene, surfaces, pose, origin, batch_index[row], begin, point[row], direction)
+    surface_out[row] = hit.surface
+    point_out[row] = point[row] + hit.distance * direction
+    normal_out[row] = hit.normal
 
 
 @wp.kernel

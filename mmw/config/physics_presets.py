@@ -14,7 +14,7 @@ STANDARD: dict[str, Any] = {
 PHYSICS_PRESETS: dict[Physics, dict[str, Any]] = {
     "paper": {},
     "standard": STANDARD,
-    "full": {**STANDARD, "max_depth": 3, "diffuse_reflection": True},
+    "full": {**STANDARD, "max_depth": 3, "diffuse_reflection": True, "diffuse_error_db": 0.5},
 }
 """Preset -> keys of `channel` that it changes; those of `paper` are the defaults of the keys. A key that is
 given wins."""

@@ -14,6 +14,7 @@ SOLVER_OPTIONS = (
     "max_depth", "los", "specular_reflection", "refraction", "diffraction", "diffraction_lit_region",
     "edge_diffraction", "diffraction_min_bend_rad", "finite_surfaces", "dynamic_range_db",
     "diffuse_reflection", "foliage", "candidates", "samples_per_tx", "diffuse_samples",
+    "diffuse_error_db", "diffuse_order",
 )  # fmt: skip
 """Settings of a run's channel that `mmw.PathSolver` has too."""
 

@@ -24,8 +24,7 @@ def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, In
     tx, rx = links.tx.position[found.link], links.rx.position[found.link]
     geometry = path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge)
     path, step = np.nonzero(found.kind == DIFFUSE)
-    solid_angle = np.full(len(path), 4.0 * np.pi / search.config.diffuse_samples)
-    rough = ScatteringPoints(path, step, found.normal[path, step], solid_angle, found.ray[path] < -1)
+    rough = ScatteringPoints(path, step, found.normal[path, step], found.solid_angle[path], found.ray[path] < -1)
     wedge = found.surface[wedges.path, wedges.step]
     sides = np.stack([table.wedges.surface_0[wedge], table.wedges.surface_n[wedge]], axis=1).reshape(-1, 2)
     width = None

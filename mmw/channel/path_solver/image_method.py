@@ -9,7 +9,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.near_edges import near_edge_candidates
-from mmw.channel.path_solver.scatter_paths import find_patches
+from mmw.channel.path_solver.scatter_paths import diffuse_paths
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
@@ -56,7 +56,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
             for link, step, facet in _curved_candidates(search, table.curved):
                 found.append(_refine(search, link, step, False, facet))
         if config.diffuse_reflection and len(table):
-            found += _scatter_paths(search)
+            found += diffuse_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     paths = TracedPaths(search.forward.order[paths.link].astype(np.int32), *paths.columns[1:])
     return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
@@ -65,7 +65,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
 def _no_paths(depth: int) -> TracedPaths:
     ints = np.zeros((0, depth), dtype=np.int32)
     points = np.zeros((0, depth, 3))
-    return TracedPaths(ints[:, 0], ints[:, 0], ints, ints, points, points, ints[:, 0])
+    return TracedPaths(ints[:, 0], ints[:, 0], ints, ints, points, points, ints[:, 0], points[:, 0, 0])
 
 
 def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
@@ -151,15 +151,6 @@ def _shared_reflections(search: Search, is_pair: np.ndarray) -> Iterator[Candida
 def _reverse(step: np.ndarray) -> np.ndarray:
     """Return steps from the other end, shape [C, D]."""
     return reverse_columns(step, (step != -1).sum(axis=1), -1)
-
-
-def _scatter_paths(search: Search) -> list[TracedPaths]:
-    """Return the diffuse paths: what the transmitters' rays find, and, with mirrors, the receivers'."""
-    found = find_patches(search, search.forward, needs_mirror=False)
-    if search.config.specular_reflection and search.config.max_depth > 1:
-        links, row = search.backward()
-        found += [paths.reverse(row[paths.link]) for paths in find_patches(search, links, needs_mirror=True)]
-    return found
 
 
 def _curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -264,6 +255,7 @@ def _refine(
         vertex=np.where(is_there[..., None], vertex[kept], np.nan),
         normal=np.where(is_there[..., None], normal[kept], np.nan),
         ray=np.full(len(kept), -1, dtype=np.int32),
+        solid_angle=np.zeros(len(kept)),
     )
     for block in (given, scratch, out):
         block.release()

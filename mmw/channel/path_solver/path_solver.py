@@ -82,6 +82,8 @@ class PathSolver:
         candidates: Literal["launch", "exhaustive"] = "launch",
         samples_per_tx: int = 1_000_000,
         diffuse_samples: int = 1000,
+        diffuse_error_db: float | None = None,
+        diffuse_order: int = 1,
         dynamic_range_db: float | None = None,
         synthetic_array: bool = True,
         air_losses: bool = True,
@@ -106,6 +108,9 @@ class PathSolver:
             candidates: `launch` finds reflecting surfaces by rays, `exhaustive` tries every surface for every link.
             samples_per_tx: Rays of each transmitter, for `launch`.
             diffuse_samples: Rays that look for rough surfaces; each gives at most one path a link.
+            diffuse_error_db: Standard error of the summed power of the diffuse paths of a link [dB], from which the
+                number of rays follows in place of `diffuse_samples`.
+            diffuse_order: Most rough surfaces on a path, 1 or 2.
             dynamic_range_db: Leave out paths that are weaker than the strongest of their link by more than this, at
                 every carrier and in every weather that is asked for [dB]; None keeps all.
             synthetic_array: Trace between phase centers and apply arrays as to plane waves; False traces between all
@@ -121,7 +126,8 @@ class PathSolver:
             finite_surfaces=finite_surfaces, diffraction=diffraction, edge_diffraction=edge_diffraction,
             diffraction_min_bend_rad=diffraction_min_bend_rad, diffraction_lit_region=diffraction_lit_region,
             diffuse_reflection=diffuse_reflection, foliage=foliage, candidates=candidates,
-            samples_per_tx=samples_per_tx, diffuse_samples=diffuse_samples, dynamic_range_db=dynamic_range_db,
+            samples_per_tx=samples_per_tx, diffuse_samples=diffuse_samples, diffuse_error_db=diffuse_error_db,
+            diffuse_order=diffuse_order, dynamic_range_db=dynamic_range_db,
         )  # fmt: skip
         self._synthetic_array, self._air_losses, self._check_places = synthetic_array, air_losses, check_places
         self._geometry = repr(self._config.model_dump(exclude={"carriers_hz", "pattern", "polarization"}))

@@ -103,8 +103,18 @@ class Search:
 
     def backward(self) -> tuple[SortedLinks, np.ndarray]:
         """Return the reversed links, and the row of each in the order of the transmitters, shape [L]."""
-        links = self.sort(self.links.batch_index, self.links.rx.position, self.links.tx.position)
-        return links, self.rank[links.order]
+        return self.sorted_part(np.arange(len(self.links)), is_reversed=True)
+
+    def sorted_part(self, rows: np.ndarray, *, is_reversed: bool) -> tuple[SortedLinks, np.ndarray]:
+        """Return some of the links, and the row of each in the order of the transmitters, shape [n].
+
+        Args:
+            rows: The links, shape [n].
+            is_reversed: Whether the receivers are the sources.
+        """
+        ends = self.links.tx.position[rows], self.links.rx.position[rows]
+        links = self.sort(self.links.batch_index[rows], *(ends[::-1] if is_reversed else ends))
+        return links, self.rank[rows[links.order]]
 
     def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
         """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""

@@ -28,6 +28,9 @@ class TracedPaths:
     ray: np.ndarray
     """Ray that hit the rough patch of a diffuse path: r for the transmitter's, -2 - r for the receiver's, -1 for the
     other paths, shape [P], int32."""
+    solid_angle: np.ndarray
+    """Solid angle of that ray, times those of rays between patches, times the share that rays of one end have where
+    those of both find a patch [sr, or a power of it], shape [P]; 0 for the other paths."""
 
     def __len__(self) -> int:
         return len(self.link)
@@ -48,7 +51,9 @@ class TracedPaths:
         )
         vertex, normal = (reverse_columns(values, self.order, np.nan) for values in (self.vertex, self.normal))
         normal *= np.where(kind == TRANSMISSION, -1.0, 1.0)[..., None]  # that of a patch looks to both ends
-        return TracedPaths(link.astype(np.int32), self.order, kind, surface, vertex, normal, -2 - self.ray)
+        return TracedPaths(
+            link.astype(np.int32), self.order, kind, surface, vertex, normal, -2 - self.ray, self.solid_angle
+        )
 
 
 def reverse_columns(values: np.ndarray, count: np.ndarray, fill: float) -> np.ndarray:

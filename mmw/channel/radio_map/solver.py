@@ -113,7 +113,7 @@ def _portions(count: int, channel: ChannelConfig) -> Iterator[slice]:
     """Yield ranges of the links of a transmitter that keep memory bounded."""
     step = DIFFRACTED_LINKS_AT_ONCE if channel.diffraction else LINKS_AT_ONCE
     if channel.diffuse_reflection:
-        step = min(step, SCATTERED_ROWS_AT_ONCE // (channel.diffuse_samples * max(channel.max_depth, 1)))
+        step = min(step, SCATTERED_ROWS_AT_ONCE // (channel.expected_diffuse_rays * max(channel.max_depth, 1)))
     step = max(step, MIN_LINKS_AT_ONCE)
     for begin in range(0, count, step):
         yield slice(begin, min(begin + step, count))

@@ -95,7 +95,8 @@ def path_transfer(
     if has_wedges:
         spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
     if has_rough:
-        spreading[interactions.rough.path] = rough_spreading(geometry, interactions.rough)
+        path, factor = rough_spreading(geometry, interactions.rough)
+        spreading[path] = factor
         at = interactions.rough.path, interactions.rough.step
         own, cosine = interactions.material_id[at], geometry.cosine[at]
         amplitude = rough_amplitude(geometry, interactions.rough, materials, own)

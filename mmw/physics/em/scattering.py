@@ -1,4 +1,4 @@
-"""Compute diffuse scattering at rough surfaces: the effective-roughness model, one patch a ray.
+"""Compute diffuse scattering at rough surfaces: the effective-roughness model, one or two patches a ray.
 
 Source: V. Degli-Esposti, F. Fuschini, E. M. Vitucci and G. Falciasecca, "Measurement and modeling of scattering from
 buildings", IEEE Trans. AP 55(1), 2007; the solid angle of a ray tube as in Sionna RT 2.2.
@@ -19,7 +19,7 @@ from mmw.physics.materials.scattering_patterns import LOBES, scattered_density
 
 @dataclass(frozen=True)
 class ScatteringPoints:
-    """The diffuse reflections of a set of paths: one row each, B of them, one at most in a path. World frame."""
+    """The diffuse reflections of a set of paths: one row each, B of them, in the order of paths and interactions."""
 
     path: np.ndarray
     """Row of the path, shape [B]."""
@@ -28,7 +28,8 @@ class ScatteringPoints:
     normal: np.ndarray
     """Unit normal, turned to where the wave comes from, shape [B, 3]."""
     solid_angle: np.ndarray
-    """Solid angle of the ray that hit the patch, seen from the end that sent it [sr], shape [B]."""
+    """Solid angle of the ray that hit the patch, seen from the end that sent it [sr], shape [B]; in paths with two
+    patches the product with that of the ray between them [sr^2]."""
     is_backward: np.ndarray
     """True if that end is the receiver, shape [B]."""
 
@@ -80,21 +81,27 @@ def lobe_integral(exponent: int, cosine: np.ndarray) -> np.ndarray:
     return total / 2.0**exponent
 
 
-def rough_spreading(geometry: PathGeometry, hits: ScatteringPoints) -> np.ndarray:
-    """Return the spreading factor of each diffuse path [1/m], shape [B].
+def rough_spreading(geometry: PathGeometry, hits: ScatteringPoints) -> tuple[np.ndarray, np.ndarray]:
+    """Return the paths with patches, shape [Q], and the spreading factor of each, shape [Q].
 
     A patch dA that a wave reaches at theta_i and leaves at theta_s intercepts dA cos theta_i of it. Seen from the
     transmitter, whose ray has the solid angle dW = dA cos theta_i / d_t^2, that is sqrt(dW) / d_r; seen from the
     receiver, whose ray has dW = dA cos theta_s / d_r^2, it is sqrt(dW cos theta_i / cos theta_s) / d_t; d_t and d_r are
     the lengths of the path before and behind the patch.
 
+    Two patches at the distance r intercept dA_1 cos theta_i1 dA_2 cos theta_i2 / (d_t r d_r)^2. Rays of the transmitter
+    and of the first patch have dW_1 = dA_1 cos theta_i1 / d_t^2 and dW_2 = dA_2 cos theta_i2 / r^2, so it is
+    sqrt(dW_1 dW_2) / d_r; rays from the receiver give sqrt(dW_1 dW_2) / d_t with the ratios of cosines of both patches.
+
     Source: Degli-Esposti et al. 2007, equation 2.
     """
     before, behind = geometry.lengths_around(hits.path, hits.step)
     cosine_in = np.abs(dot(geometry.direction[hits.path, hits.step], hits.normal))
     cosine_out = np.maximum(np.abs(dot(geometry.direction[hits.path, hits.step + 1], hits.normal)), 1e-12)
-    turned = np.sqrt(cosine_in / cosine_out) / before
-    return np.sqrt(hits.solid_angle) * np.where(hits.is_backward, turned, 1.0 / behind)
+    path, first, count = np.unique(hits.path, return_index=True, return_counts=True)
+    last = first + count - 1
+    turned = np.sqrt(np.multiply.reduceat(cosine_in / cosine_out, first)) / before[first]
+    return path, np.sqrt(hits.solid_angle[first]) * np.where(hits.is_backward[first], turned, 1.0 / behind[last])
 
 
 def rough_amplitude(

@@ -300,7 +300,7 @@ def _rt_params(dataset: Dataset, part: Part, carrier_hz: float, options: Options
         "max_path_depth": depth,
         "max_reflections": depth if channel["specular_reflection"] else 0,
         "max_diffractions": int(channel["diffraction"]),
-        "max_scattering": int(channel["diffuse_reflection"]),
+        "max_scattering": int(channel["diffuse_reflection"]) * channel.get("diffuse_order", 1),
         "max_transmissions": depth if channel["refraction"] else 0,
         "num_rays": int(channel["samples_per_tx"]),
         "synthetic_array": True,
