@@ -197,3 +197,64 @@ def connect_kernel(
         segment.own = wp.vec4i(surface[row], MISS_ID, MISS_ID, MISS_ID)
         index = ends.batch_index[link[row]]
         count_out[row] = trace_segment(scene, surfaces, pose, origin, index, segment, row, 0, max_slabs[row], hits_out)
+
+
+@wp.kernel
+def mirror_kernel(
+    scene: Scene,
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    pose: wp.array2d[wp.transformd],
+    origin: wp.vec3d,
+    link: wp.array[int],
+    point: wp.array[wp.vec3d],
+    normal: wp.array[wp.vec3d],
+    image: wp.array[wp.vec3d],
+    planes: wp.array2d[int],
+    # out
+    is_seen_out: wp.array[int],
+    hits_out: HitBuffers,
+):
+    """Go from a patch over mirrors to the near end (`tx`) of a link.
+
+    `image` is that end behind the mirrors, `planes` those from the end on, -1 behind the last. `is_seen_out` is 1 if
+    the ray to the image meets them in turn and its last segment is free; then `hits_out` has the mirrors in their
+    order from the end on. Launch: dim=B, block_dim=64.
+    """
+    row = wp.tid()
+    index = ends.batch_index[link[row]]
+    near = ends.tx[link[row], ends.tx.shape[1] - 1]
+    is_seen_out[row] = 0
+    vertex = point[row]
+    begin = vertex + lift_at(vertex - origin) * normal[row]
+    direction = wp.normalize(image[row] - vertex)
+    mirror = wp.int32(0)
+    while mirror < planes.shape[1] and planes[row, mirror] != MISS_ID:
+        mirror = mirror + 1
+    is_open = wp.bool(True)
+    own = wp.int32(MISS_ID)
+    while is_open and mirror > 0:
+        mirror = mirror - 1
+        hit = next_hit(scene, surfaces, pose, origin, index, begin, vertex, direction)
+        own = hit.surface
+        is_open = own != MISS_ID
+        if is_open:
+            is_open = surfaces.plane[own] == planes[row, mirror]
+        if is_open:
+            vertex = vertex + hit.distance * direction
+            hits_out.kind[row, mirror] = SPECULAR
+            hits_out.surface[row, mirror] = own
+            hits_out.vertex[row, mirror] = vertex
+            hits_out.normal[row, mirror] = hit.normal
+            direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(hit.normal, direction) * hit.normal)
+            begin = vertex + lift_at(vertex - origin) * hit.normal
+    if is_open:
+        segment = Segment()
+        segment.begin = vertex
+        segment.end = near
+        segment.start = begin
+        segment.stop = near + END_SLACK * (vertex - near)
+        segment.own = wp.vec4i(own, MISS_ID, MISS_ID, MISS_ID)
+        if wp.length(near - vertex) > MIN_PATH_M and wp.dot(direction, near - vertex) > wp.float64(0.0):
+            if trace_segment(scene, surfaces, pose, origin, index, segment, row, 0, 0, hits_out) == 0:
+                is_seen_out[row] = 1

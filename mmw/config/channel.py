@@ -12,10 +12,10 @@ from mmw.config.physics_presets import PHYSICS_PRESETS, Physics
 from mmw.config.sampling import Sampling
 from mmw.core.errors import InputError
 
-FEWEST_DIFFUSE_RAYS = 2**10
+FEWEST_DIFFUSE_RAYS = 2**9
 """Rays for rough surfaces that each end launches at least for a stated error. Design value."""
 
-RAYS_PER_ERROR = 22.0
+RAYS_PER_ERROR = 8.0
 """Rays of an end times the squared relative error that they give, measured on town03 and town10 at depth 3."""
 
 

@@ -35,7 +35,7 @@ BENT_PATHS_PER_LINK = 118.0
 """Diffracted paths of a link at first order, measured on town03; every order more makes 3.3 times as many."""
 
 PATCHES_PER_RAY = 0.4
-"""Diffuse paths of a link for each ray and order; rough ground below a mast gives 0.38."""
+"""Diffuse paths of a link for each ray of an end and order; rough ground below a mast gives 0.38."""
 
 ROW_BYTES = {"poses": 80.0, "boxes": 60.0, "links": 25.0}
 """Bytes of one row of the small tables, measured on town03."""
@@ -302,5 +302,6 @@ def _paths(channel: ChannelConfig) -> float:
     if channel.diffraction and order:
         count += BENT_PATHS_PER_LINK * 3.3 ** (order - 1)
     if channel.diffuse_reflection:
-        count += PATCHES_PER_RAY * channel.expected_diffuse_rays * order
+        ends = 1 if channel.diffuse_error_db is None else 2
+        count += PATCHES_PER_RAY * ends * channel.expected_diffuse_rays * order
     return count

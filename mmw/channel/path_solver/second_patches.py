@@ -7,14 +7,12 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.patch_links import connect_patches, far_links
+from mmw.channel.path_solver.patch_rays import Patches
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.kernels.channel.scattering import second_patch_kernel
 from mmw.physics.em.interaction import DIFFUSE
 from mmw.physics.em.vectors import dot, norm
-
-Patches = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Surface [B], point [m] and unit normal [B, 3] of patches."""
 
 
 def second_patches(

@@ -6,12 +6,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mmw.channel.links import make_links
-from mmw.channel.path_solver import candidates
+from mmw.channel.path_solver import candidates, mirrored_patches, patch_rays, scatter_paths
 from mmw.channel.path_solver import image_method as finder
-from mmw.channel.path_solver import scatter_paths as finder_diffuse
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_DIFFUSE, PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PathSet
+from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, pose_from_ypr, rotate
@@ -184,13 +184,21 @@ EVERYTHING = oracle.channel(
 )  # fmt: skip
 
 
-def test_batch_and_order_do_not_change_a_bit(device: str) -> None:
+BY_ERROR = EVERYTHING.model_copy(
+    update={"diffuse_samples": 1000, "diffuse_error_db": 1.5, "diffuse_order": 2, "diffraction": False}
+)
+BOTH = pytest.mark.parametrize("config", [EVERYTHING, BY_ERROR], ids=["counted", "by error"])
+
+
+@BOTH
+def test_batch_and_order_do_not_change_a_bit(config: ChannelConfig, device: str) -> None:
     arrays = street()
     batches = [
-        oracle.solve(arrays, EVERYTHING, device, frames) for frames in ([0, 1, 2, 3], [3, 1, 0, 2], [0], [1], [2], [3])
+        oracle.solve(arrays, config, device, frames) for frames in ([0, 1, 2, 3], [3, 1, 0, 2], [0], [1], [2], [3])
     ]
     links, paths = batches[0]
-    assert {PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFUSE, PATH_DIFFRACTION} <= set(paths.kind.tolist())
+    kinds = {PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PATH_DIFFUSE}
+    assert kinds | ({PATH_DIFFRACTION} if config.diffraction else set()) <= set(paths.kind.tolist())
     assert set(paths.order.tolist()) == {0, 1, 2, 3}
     assert all(len(set(paths.path_id[paths.link == k].tolist())) == paths.count[k] for k in range(len(links)))
     for other_links, other in batches[1:]:
@@ -198,21 +206,25 @@ def test_batch_and_order_do_not_change_a_bit(device: str) -> None:
             assert_same_bits(paths, links.frame[paths.link] == frame, other, other_links.frame[other.link] == frame)
 
 
-def test_order_of_links_does_not_change_a_bit(device: str) -> None:
+@BOTH
+def test_order_of_links_does_not_change_a_bit(config: ChannelConfig, device: str) -> None:
     arrays = street(2)
     scene = loaded(arrays, device, [0, 1])
-    links = make_links(arrays, [0, 1], EVERYTHING)
-    paths = solve_paths(scene, links, EVERYTHING, arrays.materials)
+    links = make_links(arrays, [0, 1], config)
+    paths = solve_paths(scene, links, config, arrays.materials)
     mixed = np.random.default_rng(1).permutation(len(links))
-    turned = solve_paths(scene, links.take(mixed), EVERYTHING, arrays.materials)
+    turned = solve_paths(scene, links.take(mixed), config, arrays.materials)
     for k, link in enumerate(mixed):
         assert_same_bits(paths, paths.link == link, turned, turned.link == k)
 
 
+@BOTH
 @pytest.mark.parametrize("mode", ["launch", "exhaustive"])
-def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sizes_of_the_work_do_not_change_a_bit(
+    mode: str, config: ChannelConfig, device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Tables that must grow, launches that must be split, few candidates at once: nothing shows."""
-    arrays, config = street(2), EVERYTHING.model_copy(update={"candidates": mode, "max_depth": 2})
+    arrays, config = street(2), config.model_copy(update={"candidates": mode, "max_depth": 2})
     scene = loaded(arrays, device, [0, 1])
     links, table = make_links(arrays, [0, 1], config), make_surface_table(scene, wedges=True)
     paths = solve_paths(scene, links, config, arrays.materials, table)
@@ -222,7 +234,9 @@ def test_sizes_of_the_work_do_not_change_a_bit(mode: str, device: str, monkeypat
     monkeypatch.setattr(candidates, "FIRST_CELLS", 1)
     monkeypatch.setattr(candidates, "CELLS_AT_ONCE", {"cpu": 512, "cuda": 512})
     monkeypatch.setattr(finder, "CANDIDATES_AT_ONCE", 7)
-    monkeypatch.setattr(finder_diffuse, "HITS_AT_ONCE", 1)
+    monkeypatch.setattr(patch_rays, "HITS_AT_ONCE", 1)
+    monkeypatch.setattr(scatter_paths, "ROWS_AT_ONCE", 97)
+    monkeypatch.setattr(mirrored_patches, "PAIRS_AT_ONCE", 997)
     small = solve_paths(scene, links, config, arrays.materials, table)
     if mode == "launch":
         assert grown and table.sizes.keys() == grown.keys() and table.sizes != grown

@@ -67,8 +67,9 @@ def street() -> Scene:
         {"max_depth": 1, "diffraction": True, "diffraction_lit_region": False, "los": False},
         {"max_depth": 1, "finite_surfaces": True, "samples_per_tx": 30_000},
         {"max_depth": 1, "diffuse_reflection": True, "diffuse_samples": 100, "specular_reflection": False},
+        {"max_depth": 1, "diffuse_reflection": True, "diffuse_error_db": 3.0, "specular_reflection": False},
     ],
-    ids=["reflections", "exhaustive", "diffraction", "shadow", "finite", "diffuse"],
+    ids=["reflections", "exhaustive", "diffraction", "shadow", "finite", "diffuse", "diffuse by error"],
 )
 def test_a_map_is_the_sum_of_the_paths_in_sun_and_rain(options: dict) -> None:
     surface = some_cells(plane_grid((0.0, 0.0, 1.5), (90.0, 40.0), 1.0), 1000)
