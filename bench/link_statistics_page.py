@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.link_statistics import JUMP_DB, PERCENTILES, SAME_LENGTH_M
+from bench.link_statistics import JUMP_DB, PERCENTILES, RANGE_DB, SAME_LENGTH_M, SAME_WAVE_RAD
 from mmw.channel.tr38901 import LogNormal, street_canyon
 from mmw.config.physics_presets import PHYSICS_PRESETS
 
@@ -47,9 +47,9 @@ The first command replaces only what it measures (`--scenarios`, `--physics`); t
 LIVES = f"""
 ## Lives of paths
 
-Identifiers `path_id` over successive frames, diffuse paths left out.
+Identifiers `path_id` over successive frames, without diffuse paths and those more than {RANGE_DB:g} dB below the strongest of their link.
 
-- **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, shares where a path of nearly the same length (within {SAME_LENGTH_M:g} m) ended there
+- **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, share where a path of nearly the same length (within {SAME_LENGTH_M:g} m) ended there; **one wave**: and of the same directions (within {np.degrees(SAME_WAVE_RAD):.2g} deg)
 - **life**: median lifetime after a birth by the estimator of Kaplan and Meier, which counts paths that outlast the recording; **one frame**: share of lives that end after their first frame
 - **jumps**: steps of more than {JUMP_DB:g} dB from one frame to the next of one path
 """  # noqa: E501
@@ -74,7 +74,7 @@ def channel_statistics_page(records: list[dict[str, Any]]) -> str:
     records = sorted(records, key=lambda own: (own["scenario"], ranks.index(own["physics"]), own["carrier_hz"]))
     carriers = sorted({own["carrier_hz"] for own in records})
     once = [own for own in records if own["carrier_hz"] == carriers[0]]
-    lines = [HEAD, *_measured(once), *_sights(once), LIVES, *_lives(records, carriers)]
+    lines = [HEAD, *_measured(once), *_sights(once), LIVES, *_lives(records)]
     for is_los, title in ((True, "With line of sight"), (False, "Without line of sight")):
         lines += ["", f"## {title}", "", _state_text(is_los)]
         lines += [DISPERSION] if is_los else [""]
@@ -115,19 +115,13 @@ def _sights(records: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def _lives(records: list[dict[str, Any]], carriers: list[float]) -> list[str]:
-    """Return the table of lives; the set of paths is that of all carriers, their levels are not."""
-    jumps = [f"jumps, {carrier / 1e9:g} GHz [%]" for carrier in carriers]
-    lines = [_row(["scenario", "preset", "births", "continue [%]", "life [ms]", "one frame [%]", *jumps])]
-    lines.append("|" + "---|" * (6 + len(jumps)))
-    by_case: dict[tuple[str, str], dict[float, dict[str, Any]]] = {}
+def _lives(records: list[dict[str, Any]]) -> list[str]:
+    head = ("scenario", "preset", "GHz", "births", "continue [%]", "one wave [%]", "life [ms]", "one frame [%]")
+    lines = [_row([*head, "jumps [%]"]), "|" + "---|" * (len(head) + 1)]
     for own in records:
-        by_case.setdefault((own["scenario"], own["physics"]), {})[own["carrier_hz"]] = own
-    for case, by_carrier in by_case.items():
-        own = next(iter(by_carrier.values()))
-        shares = _percent(own["births_that_continue"]), _life(own), _percent(own["lives_of_one_frame"])
-        steps = (_percent(by_carrier[each]["jumps"]) if each in by_carrier else NO_VALUE for each in carriers)
-        lines.append(_row([*case, f"{own['births_per_link_frame']:.2g}", *shares, *steps]))
+        case = own["scenario"], own["physics"], f"{own['carrier_hz'] / 1e9:g}", f"{own['births_per_link_frame']:.2g}"
+        births = _percent(own["births_that_continue"]), _percent(own["births_of_one_wave"])
+        lines.append(_row([*case, *births, _life(own), _percent(own["lives_of_one_frame"]), _percent(own["jumps"])]))
     return lines
 
 

@@ -255,6 +255,6 @@ def mirror_kernel(
         segment.start = begin
         segment.stop = near + END_SLACK * (vertex - near)
         segment.own = wp.vec4i(own, MISS_ID, MISS_ID, MISS_ID)
-        if wp.length(near - vertex) > MIN_PATH_M and wp.dot(direction, near - vertex) > wp.float64(0.0):
-            if trace_segment(scene, surfaces, pose, origin, index, segment, row, 0, 0, hits_out) == 0:
-                is_seen_out[row] = 1
+        is_open = wp.dot(direction, near - vertex) > wp.float64(0.0)
+        if is_open and trace_segment(scene, surfaces, pose, origin, index, segment, row, 0, 0, hits_out) == 0:
+            is_seen_out[row] = 1

@@ -7,9 +7,9 @@ scatters where a ray, with its mirrors, meets it first from outside.
 With a fixed number of rays, patches without mirrors are those of the transmitter's rays, as in Sionna RT. Where a
 receiver is nearer to a rough surface than the rays of the transmitter are to each other there, few of them carry most
 of the power: at 60 m, 1.5 m above rough ground, the sum of 1,000 rays is 3.7 dB low in the median over receivers and 7
-dB high at some, though right in the mean. With a stated error, the rays of both ends count: each by its share (`_balanced`) where
-there is no mirror, that of the nearer end with mirrors (`mirrored_patches`). The number of rays of each link follows
-from the spread of their contributions (`_paths_by_error`).
+dB high at some, though right in the mean. With a stated error, the rays of both ends count: each by its share
+(`_balanced`) where there is no mirror, the denser ones with mirrors (`mirrored_patches`). The number of rays of each
+link follows from the spread of their contributions (`_paths_by_error`).
 """
 
 import numpy as np
@@ -61,7 +61,7 @@ def _paths_by_error(search: Search, rows: np.ndarray, error: float) -> list[Trac
     1 / sqrt(n) with the effective number of rays n = (sum w_i)^2 / sum w_i^2. It falls as 1 / sqrt(rays). Rays are
     doubled until n is `UNEQUAL_STRENGTHS` / (10^(e / 10) - 1)^2 for the stated error of e dB, 134 for 0.5 dB. Each link
     is looked at by itself, so that its paths do not depend on the others. All paths with one patch decide, as if
-    surfaces were Lambertian and equally strong and mirrors lost nothing, so weathers and carriers have one set of paths.
+    surfaces were Lambertian and equally strong and mirrors lost nothing, so that weathers and carriers share the paths.
 
     Rays of the Fibonacci lattice are more even than independent ones, so the error of smooth scatterers is several
     times lower than stated. The bias of the lattice is that of its solid angles: 4 pi / N is used for rays that are
