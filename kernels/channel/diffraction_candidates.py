@@ -180,15 +180,17 @@ def near_edges_kernel(
     weakest: wp.float64,
     detour_m: wp.float64,
     # out
-    is_candidate_out: wp.array2d[wp.uint8],
+    count_out: wp.array[int],
+    found_out: wp.array2d[int],
 ):
-    """Select the wedges past which a reflected path goes closely, before its plane or (`is_behind`) behind it.
+    """Find the wedges past which a reflected path goes closely, before its plane or (`is_behind`) behind it.
 
     A pair of `link` and `plane` is a reflection; a path around a wedge next to it is at most `detour_m` longer. Wedges
-    that have less than a share `weakest` of their wave at the shortest wavelength are left out. Launch: dim=(N, W).
+    that have less than a share `weakest` of their wave at the shortest wavelength are left out.
+    `found_out` gets the pair and the place in `wedge` of each, in any order; `count_out` counts them all, also those
+    that have no room. Launch: dim=(N, W).
     """
     pair, index = wp.tid()
-    is_candidate_out[pair, index] = wp.uint8(0)
     own = link[pair]
     batch_index = ends.batch_index[own]
     tx = ends.tx[own, ends.tx.shape[1] - 1]
@@ -225,7 +227,10 @@ def near_edges_kernel(
         return
     on_plane = mirror_point(mirror, point, other)
     if in_plane_box(surfaces, pose, batch_index, plane[pair], on_plane):
-        is_candidate_out[pair, index] = wp.uint8(1)
+        row = wp.atomic_add(count_out, 0, 1)
+        if row < found_out.shape[0]:
+            found_out[row, 0] = pair
+            found_out[row, 1] = index
 
 
 @wp.func

@@ -22,8 +22,11 @@ edge at v makes a path longer by v^2 / 4 wavelengths. Design value."""
 LONG_EDGE_M = 0.5
 """Lines of edges shorter than this diffract little, and are left to the rays [m]. Design value."""
 
-PAIRS_AT_ONCE = 2**26
-"""Reflections times edges that are tested at once, a byte each."""
+PAIRS_AT_ONCE = 2**30
+"""Reflections times edges that are tested in one launch."""
+
+FIRST_ROOM = 2**18
+"""Candidates that a launch has room for, until one finds more."""
 
 
 def near_edge_candidates(search: Search, link: np.ndarray, plane: np.ndarray) -> Iterator[Candidates]:
@@ -47,32 +50,28 @@ def near_edge_candidates(search: Search, link: np.ndarray, plane: np.ndarray) ->
     if not len(link) or not len(long):
         return
     rows = wp.array(long, dtype=wp.int32, device=device)
+    room = FIRST_ROOM
     at_once = max(1, PAIRS_AT_ONCE // len(long))
     for begin in range(0, len(link), at_once):
         own, mirror = link[begin : begin + at_once], plane[begin : begin + at_once]
         pairs = [wp.array(values, dtype=wp.int32, device=device) for values in (own, mirror)]
-        is_candidate = wp.empty((len(own), len(long)), dtype=wp.uint8, device=device)
         for is_behind in (False, True):
-            wp.launch(
-                near_edges_kernel,
-                dim=is_candidate.shape,
-                inputs=[
-                    search.forward.ends,
-                    table.device,
-                    wedges.device,
-                    search.pose,
-                    *pairs,
-                    rows,
-                    is_behind,
-                    outlines.shortest_m,
-                    WEAKEST_SHARE,
-                    0.25 * NEAR_ZONE**2 * outlines.longest_m,
-                ],
-                outputs=[is_candidate],
-                device=device,
-            )
-            row, index = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(long))
-            step = np.full((len(row), search.config.max_depth), -1, dtype=np.int32)
+            inputs = [search.forward.ends, table.device, wedges.device, search.pose, *pairs, rows, is_behind]
+            inputs += [outlines.shortest_m, WEAKEST_SHARE, 0.25 * NEAR_ZONE**2 * outlines.longest_m]
+            while True:
+                count = wp.zeros(1, dtype=wp.int32, device=device)
+                found = wp.empty((room, 2), dtype=wp.int32, device=device)
+                wp.launch(
+                    near_edges_kernel, dim=(len(own), len(long)), inputs=inputs, outputs=[count, found], device=device
+                )
+                size = int(count.numpy()[0])
+                if size <= room:
+                    break
+                room = 2 * size
+            row, index = found.numpy()[:size].T
+            order = np.lexsort((index, row))  # threads write in any order
+            row, index = row[order], index[order]
+            step = np.full((size, search.config.max_depth), -1, dtype=np.int32)
             step[:, 1 if is_behind else 0] = -2 - long[index]
             step[:, 0 if is_behind else 1] = mirror[row]
             yield own[row], step, True
