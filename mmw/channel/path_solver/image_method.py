@@ -21,11 +21,14 @@ from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
-from mmw.physics.em.interaction import DIFFRACTION
+from mmw.physics.em.interaction import DIFFRACTION, SPECULAR
 from mmw.physics.em.vectors import dot, norm
 
 CANDIDATES_AT_ONCE = 2**20
 """Maximum number of candidates that are refined at once, about 400 bytes each at depth 3."""
+
+ONE_POINT_M = 0.25
+"""Reflections at one curved surface closer than this are one [m]: a few facets. Design value."""
 
 SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
@@ -54,7 +57,8 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
                 found.append(_refine(search, link[part], step[part], is_plane))
         if table.curved is not None and config.specular_reflection and config.max_depth > 0:
             for link, step, facet in _curved_candidates(search, table.curved):
-                found.append(_refine(search, link, step, False, facet))
+                curved = _refine(search, link, step, False, facet)
+                found.append(curved.take(_apart(curved, path_lengths(*_ends(search, curved), curved), table.curved)))
         if config.diffuse_reflection and len(table):
             found += diffuse_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
@@ -166,6 +170,35 @@ def _curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np
         step = np.full((len(link), search.config.max_depth), -1, dtype=np.int32)
         step[:, 0] = curved.surface[facet]
         yield (link + begin).astype(np.int32), step, facet
+
+
+def _ends(search: Search, found: TracedPaths) -> tuple[np.ndarray, np.ndarray]:
+    """Return both ends of paths whose links count in the order of the sources, shape [P, 3] each."""
+    rows = search.forward.order[found.link]
+    return search.links.tx.position[rows], search.links.rx.position[rows]
+
+
+def _apart(found: TracedPaths, length: np.ndarray, curved: CurvedTable) -> np.ndarray:
+    """Return the rows of reflections at curved surfaces without those near a shorter one on the same surface.
+
+    The reflection at a convex surface is the shortest way over it. Normals of a mesh are not those of a convex surface
+    everywhere, and give further points next to that.
+    """
+    step = np.argmax(found.kind == SPECULAR, axis=1)
+    every = np.arange(len(found))
+    wall, point = curved.largest[found.surface[every, step]], found.vertex[every, step]
+    order = np.lexsort((length, wall, found.link))
+    keep = np.ones(len(found), dtype=bool)
+    ahead = 1
+    while ahead < len(order):
+        one, other = order[:-ahead], order[ahead:]
+        is_same = (found.link[one] == found.link[other]) & (wall[one] == wall[other])
+        if not is_same.any():
+            break
+        is_near = is_same & (norm(point[one] - point[other]) < ONE_POINT_M)
+        keep[other[is_near]] = False
+        ahead += 1
+    return np.flatnonzero(keep)
 
 
 def _wedge_candidates(search: Search) -> Iterator[Candidates]:

@@ -1,10 +1,15 @@
 """Reflections at posts, spheres and panels that meshes show as facets, against series and divergence in float64."""
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 from scipy.special import hankel2, jv
 
-from mmw.channel.path_solver.curved_surfaces import find_curved
+from mmw.channel.path_solver.curved_surfaces import CurvedTable, find_curved
+from mmw.channel.path_solver.image_method import _apart
+from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
@@ -159,6 +164,17 @@ def test_small_bends_are_curved_and_corners_are_not(part: MeshPart, is_curved: b
         np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1.0, atol=1e-12)
         out = part.points[part.faces] - part.points.mean(axis=0)
         assert ((found.normal * out * [1, 1, np.ptp(out[..., 2]) < 2]).sum(axis=-1) > 0).all()
+
+
+def test_of_close_points_on_one_surface_the_shortest_path_stays() -> None:
+    """Rows on two surfaces and two links; the longer of two 0.1 m apart goes, one 0.4 m away and other links stay."""
+    x, link, surface = (np.array(v) for v in ([0.0, 0.1, 0.5, 0.1, 0.1], [0, 0, 0, 0, 1], [0, 1, 1, 2, 1]))
+    length, largest = np.array([10.0, 9.0, 11.0, 12.0, 12.0]), np.array([1, 1, 2])
+    step = np.full((5, 1), SPECULAR)
+    vertex = np.stack([x, 0 * x, 0 * x], axis=1)[:, None]
+    found = TracedPaths(link, step[:, 0], step, surface[:, None], vertex, vertex, -step[:, 0], 0 * x)
+    kept = _apart(found, length, cast(CurvedTable, SimpleNamespace(largest=largest)))
+    assert kept.tolist() == [1, 2, 3, 4]
 
 
 def test_faces_without_area_change_nothing() -> None:
