@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from mmw.config import Config, ScenarioConfig, load_config
 from mmw.config.foliage import FoliageModel, check_foliage
 from mmw.config.material_map import MaterialEntry, merged_maps
+from mmw.config.physics_presets import Physics, check_physics
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import check_frame_rate
@@ -54,6 +55,7 @@ def load_scene(
     materials: Mapping[str, Any] | None = None,
     actor_roles: Mapping[str, str] | None = None,
     foliage: FoliageModel | None = None,
+    physics: Physics | None = None,
     base: str | Path = ".",
     device: str = "auto",
     **options: Any,
@@ -75,6 +77,8 @@ def load_scene(
         actor_roles: Of a stage: prim path -> one of `mmw.usd.actors.ROLES`.
         foliage: `hull`: crowns of trees are solid to sensors; `leaves`: they are leaves, which light passes between.
             None is what a configuration says, otherwise `hull`. Radio waves meet the hull in both.
+        physics: Preset whose materials the shipped library has: beyond `paper`, the default, walls have a thickness and
+            surfaces are rough. A configuration has its own, `channel.physics`.
         base: Folder that relative paths in a `Config` start from.
         device: Warp device: `auto`, `cpu` or `cuda:N`.
         options: Options of the importer of other formats, such as `up="y"` and `unit="cm"` (`mmw import --list`).
@@ -93,7 +97,7 @@ def load_scene(
     given = (
         {"scenario": scenario}
         if not is_config
-        else {"frames": frames, "rate_hz": rate_hz, "actor_roles": actor_roles, **options}
+        else {"frames": frames, "rate_hz": rate_hz, "actor_roles": actor_roles, "physics": physics, **options}
     )
     if not is_config and not str(source).lower().endswith(USD_SUFFIXES):
         given["actor_roles"] = actor_roles
@@ -107,6 +111,7 @@ def load_scene(
         base = Path(base) if isinstance(source, Config) else Path(source).parent
         return _from_config(config, base, scenario or "", frame, weather, materials, device)
     crowns = check_foliage("load_scene: foliage", "hull" if foliage is None else foliage)
+    preset = check_physics("load_scene: physics", "paper" if physics is None else physics)
     rate = check_frame_rate(FRAME_RATE_HZ if rate_hz is None else rate_hz)
     weathers = _weathers("sunny" if weather is None else weather, {})
     entries, files = _entries(materials, weathers), None
@@ -121,7 +126,9 @@ def load_scene(
         path, entries = _imported(path, files.path, entries, options), {}
     variants = {key: values.variants(key) for key, values in weathers.items()}
     wanted = _stage_frames(path, frames, frame, rate)
-    data = read_stage(path, wanted, variants, rate_hz=rate, roles=actor_roles, material_map=entries, foliage=crowns)
+    data = read_stage(
+        path, wanted, variants, rate_hz=rate, roles=actor_roles, material_map=entries, physics=preset, foliage=crowns
+    )
     _log_notes(data)
     return Scene(data, weathers, frame=frame, device=device, name=name, files=files)
 

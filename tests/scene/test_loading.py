@@ -3,12 +3,14 @@
 import subprocess
 import sys
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
 
 import mmw
 import mmw.scene
+from mmw.config.physics_presets import Physics
 from mmw.core.errors import InputError
 from mmw.physics.weather.weather import PRESETS
 from mmw.scene.prepare import prepare_scenario, read_scenario
@@ -133,3 +135,16 @@ def test_bad_input_is_one_clear_error(case: str, tmp_path: Path) -> None:
     source = name if "." not in name else tmp_path / name
     with pytest.raises(InputError, match=message):
         mmw.load_scene(source, **options)
+
+
+def test_the_materials_of_a_preset() -> None:
+    """Walls of a shipped town have a thickness beyond the paper's preset, as in a configuration; others are errors."""
+    thick = []
+    for physics in (None, "paper", "standard"):
+        scene = mmw.load_scene("town07", physics=physics, device="cpu")
+        thick.append({m.name for m in scene.arrays.materials["sunny"] if m.radio.transmits})
+    assert thick[0] == thick[1] < thick[2] and any("brick" in name for name in thick[2] - thick[1])
+    with pytest.raises(InputError, match="load_scene: physics = 'best'; one of paper, standard, full is needed"):
+        mmw.load_scene("town07", physics=cast(Physics, "best"))
+    with pytest.raises(InputError, match="load_scene: physics = 'full': does not go with"):
+        mmw.load_scene(mmw.load_config("quickstart"), physics="full")

@@ -16,6 +16,7 @@ from mmw.channel.paths import PathSet
 from mmw.channel.radio_ends import RadioEnds
 from mmw.channel.scene_paths import Paths
 from mmw.config import ChannelConfig
+from mmw.config.physics_presets import PHYSICS_PRESETS, Physics, check_physics
 from mmw.core.errors import InputError
 from mmw.physics.em.vectors import rotate
 from mmw.physics.materials.material import Material
@@ -132,6 +133,27 @@ class PathSolver:
         self._synthetic_array, self._air_losses, self._check_places = synthetic_array, air_losses, check_places
         self._geometry = repr(self._config.model_dump(exclude={"carriers_hz", "pattern", "polarization"}))
         self._last: tuple[str, ChannelConfig] | None = None
+
+    @classmethod
+    def preset(cls, physics: Physics, **changed: Any) -> "PathSolver":
+        """Return a solver with the settings of a preset of `channel.physics`.
+
+        Its materials are those of `mmw.load_scene(..., physics=...)`.
+
+        Args:
+            physics: `paper`, `standard` or `full`.
+            changed: Further arguments, which win.
+
+        Raises:
+            InputError: If the preset is unknown, or a value is out of range.
+
+        Examples:
+            >>> import mmw
+            >>> mmw.PathSolver.preset("standard", max_depth=1)
+            PathSolver(refraction=True, finite_surfaces=True, diffraction=True, dynamic_range_db=40.0, foliage=True)
+        """
+        settings = PHYSICS_PRESETS[check_physics("PathSolver.preset", physics)]
+        return cls(**{"max_depth": ChannelConfig.model_fields["max_depth"].default, **settings, **changed})
 
     def __repr__(self) -> str:
         values = self._config.model_dump(exclude_defaults=True)
