@@ -26,6 +26,7 @@ from mmw.channel.path_solver.patch_rays import (
 )
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
 from mmw.channel.path_solver.second_patches import second_patches
+from mmw.channel.path_solver.thinned_paths import thin_out
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.config.channel import FEWEST_DIFFUSE_RAYS
 from mmw.physics.em.interaction import DIFFUSE, SPECULAR
@@ -37,6 +38,14 @@ ROWS_AT_ONCE = 2**21
 UNEQUAL_STRENGTHS = 2.0
 """Factor of the variance of a sum, 1 + (standard deviation / mean)^2 of the strengths S^2 Gamma^2 of surfaces, for
 strengths that spread as much as their mean. Design value; in town03 and town10 it makes the error that is stated."""
+
+KEPT_SHARE = 32.0
+"""Paths that a link keeps for a stated error, over the effective number that it needs; thinning adds at most the
+inverse to the variance of surfaces that scatter alike, and several times that with narrow lobes. Design value."""
+
+KEPT_SHARE = 32.0
+"""Paths that a link keeps for a stated error, over the effective number that it needs; thinning adds at most the
+inverse to the variance. Design value."""
 
 SEARCH_RAYS, MAX_RAYS = 2**14, 2**20
 """Rays of an end for a stated error: the most while no rough surface is seen, which finds those of 0.001 sr, such as 3
@@ -63,6 +72,9 @@ def _paths_by_error(search: Search, rows: np.ndarray, error: float) -> list[Trac
     is looked at by itself, so that its paths do not depend on the others. All paths with one patch decide, as if
     surfaces were Lambertian and equally strong and mirrors lost nothing, so that weathers and carriers share the paths.
 
+    Where a few close patches have most of the power, that takes many rays, most of which say little: such links keep
+    the paths that `thin_out` leaves.
+
     Rays of the Fibonacci lattice are more even than independent ones, so the error of smooth scatterers is several
     times lower than stated. The bias of the lattice is that of its solid angles: 4 pi / N is used for rays that are
     4 pi / (N - 1) apart, which is -0.008 dB for 512 rays.
@@ -81,7 +93,12 @@ def _paths_by_error(search: Search, rows: np.ndarray, error: float) -> list[Trac
             for sums, values in ((count, np.ones(len(row))), (total, weight), (square, weight**2)):
                 np.add.at(sums, row, values)
         is_done = np.where(count > 0, square <= limit * total**2, rays >= SEARCH_RAYS) | (rays >= MAX_RAYS)
-        found += [paths.take(np.flatnonzero(is_done[row])) for row, paths in zip(row_of, parts, strict=True)]
+        done = [np.flatnonzero(is_done[row]) for row in row_of]
+        if any(len(some) for some in done):
+            whole = [paths.take(some) for paths, some in zip(parts, done, strict=True)]
+            all_paths = TracedPaths(*(np.concatenate(c) for c in zip(*(w.columns for w in whole), strict=True)))
+            row = search.forward.order[all_paths.link]
+            found.append(thin_out(all_paths, row, _lambertian_power(search, row, all_paths), int(KEPT_SHARE / limit)))
         found += _second_order(search, rows[is_done[rows]], rays)
         rows, rays = rows[~is_done[rows]], 2 * rays
     return found
