@@ -1,8 +1,6 @@
 """`channel.physics`: how much of the propagation is computed, as defaults of the other keys of `channel`."""
 
-from typing import Any, Literal, get_args
-
-from mmw.core.errors import InputError
+from typing import Any, Literal
 
 Physics = Literal["paper", "standard", "full"]
 """`paper`: line of sight and mirror reflections of the first order, as in the Multimodal-Wireless paper. `standard`:
@@ -20,19 +18,3 @@ PHYSICS_PRESETS: dict[Physics, dict[str, Any]] = {
 }
 """Preset -> keys of `channel` that it changes; those of `paper` are the defaults of the keys. A key that is
 given wins."""
-
-
-def check_physics(where: str, value: object) -> Physics:
-    """Return a preset that is known.
-
-    Args:
-        where: Place of the value, for the message.
-        value: The value.
-
-    Raises:
-        InputError: If it is not known.
-    """
-    for known in get_args(Physics):
-        if value == known:
-            return known
-    raise InputError(f"{where} = {value!r}; one of {', '.join(get_args(Physics))} is needed; choose one")

@@ -10,9 +10,10 @@ from pxr import Usd
 from pydantic import ValidationError
 
 from mmw.config import Config, ScenarioConfig, load_config
-from mmw.config.foliage import FoliageModel, check_foliage
+from mmw.config.foliage import FoliageModel
 from mmw.config.material_map import MaterialEntry, merged_maps
-from mmw.config.physics_presets import Physics, check_physics
+from mmw.config.physics_presets import Physics
+from mmw.core.choices import check_choice
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import check_frame_rate
@@ -107,11 +108,11 @@ def load_scene(
         config = source if isinstance(source, Config) else load_config(source)
         config.check_single("a scene")
         if foliage is not None:
-            config = config.model_copy(update={"foliage": check_foliage("load_scene: foliage", foliage)})
+            config = config.model_copy(update={"foliage": check_choice("load_scene: foliage", foliage, FoliageModel)})
         base = Path(base) if isinstance(source, Config) else Path(source).parent
         return _from_config(config, base, scenario or "", frame, weather, materials, device)
-    crowns = check_foliage("load_scene: foliage", "hull" if foliage is None else foliage)
-    preset = check_physics("load_scene: physics", "paper" if physics is None else physics)
+    crowns = check_choice("load_scene: foliage", "hull" if foliage is None else foliage, FoliageModel)
+    preset = check_choice("load_scene: physics", "paper" if physics is None else physics, Physics)
     rate = check_frame_rate(FRAME_RATE_HZ if rate_hz is None else rate_hz)
     weathers = _weathers("sunny" if weather is None else weather, {})
     entries, files = _entries(materials, weathers), None

@@ -8,13 +8,14 @@ not depend on which poses are captured together.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, get_args
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import SENSORS, SensorSpec
+from mmw.core.choices import check_choice
 from mmw.core.errors import InputError
 from mmw.core.kinematics import REACH_FRAMES, Motion, differentiate
 from mmw.core.registry import load_reference
@@ -146,8 +147,7 @@ def _checked(sensor: SensorConfig, output: Output) -> SensorSpec:
             f"sensor {sensor.name!r}: no type {sensor.type!r} is registered, but {', '.join(SENSORS)}; call "
             "mmw.register_sensor(SPEC), or install the package that provides it"
         )
-    if output not in get_args(Output):
-        raise InputError(f"output = {output!r}: one of {', '.join(get_args(Output))} is needed; choose one")
+    check_choice("output", output, Output)
     spec = SENSORS[sensor.type]
     if output == "warp" and not spec.warp_output:
         raise InputError(

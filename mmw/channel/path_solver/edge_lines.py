@@ -89,17 +89,22 @@ def join_edges(begin: np.ndarray, end: np.ndarray, away: np.ndarray, object_id: 
     gone[goes_on[following]] = LONGEST_M
     ahead = np.stack([gone[:count], gone[count:]], axis=1)
     has_posts = object_id is not None
-    post = _posts(begin, along, length, ahead, object_id) if has_posts else np.full(count, -1)
+    post = _posts(begin, end, along, ahead, object_id) if has_posts else np.full(count, -1)
     return EdgeLines(name, ahead, post)
 
 
+def line_lengths(begin: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Return the length of the line of each edge, from its ends and `EdgeLines.ahead` [m], shape [E]."""
+    return norm(end - begin) + ahead.sum(axis=1)
+
+
 def _posts(
-    begin: np.ndarray, along: np.ndarray, length: np.ndarray, ahead: np.ndarray, object_id: np.ndarray
+    begin: np.ndarray, end: np.ndarray, along: np.ndarray, ahead: np.ndarray, object_id: np.ndarray
 ) -> np.ndarray:
     """Return the lowest of the long parallel edges of one object that are close to each other, -1 for others, [E]."""
     post = np.full(len(begin), -1)
-    reach = length + ahead.sum(axis=1)
-    long = np.flatnonzero(reach > POST_LENGTH_M)
+    length = norm(end - begin)
+    long = np.flatnonzero(line_lengths(begin, end, ahead) > POST_LENGTH_M)
     order = long[np.argsort(object_id[long], kind="stable")]
     first, other = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     step = 1

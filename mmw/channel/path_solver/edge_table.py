@@ -1,12 +1,13 @@
 """Find the wedges of a scene: convex edges between its flat surfaces, and edges of open sheets."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
-from mmw.channel.path_solver.edge_lines import EdgeLines, join_edges
+from mmw.channel.path_solver.edge_lines import EdgeLines, join_edges, line_lengths
 from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, find_contacts, open_sectors
 from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.kernels.channel.edge_contacts import TOUCH_M
@@ -55,6 +56,11 @@ class WedgeTable:
 
     def __len__(self) -> int:
         return len(self.carrier)
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """Length of the line of edges that each belongs to [m], shape [E]."""
+        return line_lengths(self.begin, self.end, self.ahead)
 
 
 def make_wedge_table(
@@ -110,7 +116,7 @@ def make_wedge_table(
         s0, sn = numbers["surface_0"], numbers["surface_n"]
         is_curved = curved.is_curved[s0] & curved.is_curved[sn] & (curved.largest[s0] == curved.largest[sn])
     device = Wedges()
-    reach = ahead.sum(axis=1) + norm(table["end"] - table["begin"])
+    reach = line_lengths(table["begin"], table["end"], ahead)
     device.reach = wp.array(reach, dtype=wp.float64, device=scene.device)
     device.is_curved = wp.array(is_curved, dtype=wp.uint8, device=scene.device)
     for name, values in table.items():

@@ -7,7 +7,7 @@ import warp as wp
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
-from mmw.channel.path_solver.curved_surfaces import CurvedTable
+from mmw.channel.path_solver.curved_candidates import curved_candidates, separate_points
 from mmw.channel.path_solver.near_edges import near_edge_candidates
 from mmw.channel.path_solver.scatter_paths import diffuse_paths
 from mmw.channel.path_solver.search import Search
@@ -15,20 +15,17 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays, padded_count
-from mmw.kernels.channel.curved_surfaces import cull_curved_kernel, curved_points_kernel
+from mmw.kernels.channel.curved_surfaces import curved_points_kernel
 from mmw.kernels.channel.edges import cull_wedges_kernel
 from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
-from mmw.physics.em.interaction import DIFFRACTION, SPECULAR
+from mmw.physics.em.interaction import DIFFRACTION
 from mmw.physics.em.vectors import dot, norm
 
 CANDIDATES_AT_ONCE = 2**20
 """Maximum number of candidates that are refined at once, about 400 bytes each at depth 3."""
-
-ONE_POINT_M = 0.25
-"""Reflections at one curved surface closer than this are one [m]: a few facets. Design value."""
 
 SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
@@ -56,9 +53,11 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
                 part = slice(begin, begin + CANDIDATES_AT_ONCE)
                 found.append(_refine(search, link[part], step[part], is_plane))
         if table.curved is not None and config.specular_reflection and config.max_depth > 0:
-            for link, step, facet in _curved_candidates(search, table.curved):
+            for link, step, facet in curved_candidates(search, table.curved):
                 curved = _refine(search, link, step, False, facet)
-                found.append(curved.take(_apart(curved, path_lengths(*_ends(search, curved), curved), table.curved)))
+                found.append(
+                    curved.take(separate_points(curved, path_lengths(*_ends(search, curved), curved), table.curved))
+                )
         if config.diffuse_reflection and len(table):
             found += diffuse_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
@@ -157,48 +156,10 @@ def _reverse(step: np.ndarray) -> np.ndarray:
     return reverse_columns(step, (step != -1).sum(axis=1), -1)
 
 
-def _curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield links, steps and facets of reflections at curved surfaces: each facet with a point for each link."""
-    links, count, device = search.links, len(curved.surface), search.scene.device
-    at_once = max(1, 2**26 // max(count, 1))
-    for begin in range(0, len(links) if count else 0, at_once):
-        shape = min(at_once, len(links) - begin), count
-        is_candidate = wp.empty(shape, dtype=wp.uint8, device=device)
-        inputs = [search.forward.ends, search.table.device, curved.device, begin]
-        wp.launch(cull_curved_kernel, dim=shape, inputs=inputs, outputs=[is_candidate], device=device)
-        link, facet = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), count)
-        step = np.full((len(link), search.config.max_depth), -1, dtype=np.int32)
-        step[:, 0] = curved.surface[facet]
-        yield (link + begin).astype(np.int32), step, facet
-
-
 def _ends(search: Search, found: TracedPaths) -> tuple[np.ndarray, np.ndarray]:
     """Return both ends of paths whose links count in the order of the sources, shape [P, 3] each."""
     rows = search.forward.order[found.link]
     return search.links.tx.position[rows], search.links.rx.position[rows]
-
-
-def _apart(found: TracedPaths, length: np.ndarray, curved: CurvedTable) -> np.ndarray:
-    """Return the rows of reflections at curved surfaces without those near a shorter one on the same surface.
-
-    The reflection at a convex surface is the shortest way over it. Normals of a mesh are not those of a convex surface
-    everywhere, and give further points next to that.
-    """
-    step = np.argmax(found.kind == SPECULAR, axis=1)
-    every = np.arange(len(found))
-    wall, point = curved.largest[found.surface[every, step]], found.vertex[every, step]
-    order = np.lexsort((length, wall, found.link))
-    keep = np.ones(len(found), dtype=bool)
-    ahead = 1
-    while ahead < len(order):
-        one, other = order[:-ahead], order[ahead:]
-        is_same = (found.link[one] == found.link[other]) & (wall[one] == wall[other])
-        if not is_same.any():
-            break
-        is_near = is_same & (norm(point[one] - point[other]) < ONE_POINT_M)
-        keep[other[is_near]] = False
-        ahead += 1
-    return np.flatnonzero(keep)
 
 
 def _wedge_candidates(search: Search) -> Iterator[Candidates]:

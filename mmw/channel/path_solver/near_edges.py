@@ -39,8 +39,7 @@ def near_edge_candidates(search: Search, link: np.ndarray, plane: np.ndarray) ->
     """
     table, device = search.table, search.scene.device
     wedges = table.wedges
-    reach = wedges.ahead.sum(axis=1) + np.linalg.norm(wedges.end - wedges.begin, axis=1)
-    long = np.flatnonzero(reach > LONG_EDGE_M).astype(np.int32)
+    long = np.flatnonzero(wedges.reach > LONG_EDGE_M).astype(np.int32)
     if table.is_mirror is not None:
         keep = table.is_mirror[table.lead[plane]]
         link, plane = link[keep], plane[keep]

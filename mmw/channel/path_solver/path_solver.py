@@ -16,7 +16,8 @@ from mmw.channel.paths import PathSet
 from mmw.channel.radio_ends import RadioEnds
 from mmw.channel.scene_paths import Paths
 from mmw.config import ChannelConfig
-from mmw.config.physics_presets import PHYSICS_PRESETS, Physics, check_physics
+from mmw.config.physics_presets import PHYSICS_PRESETS, Physics
+from mmw.core.choices import check_choice
 from mmw.core.errors import InputError
 from mmw.physics.em.vectors import rotate
 from mmw.physics.materials.material import Material
@@ -152,7 +153,7 @@ class PathSolver:
             >>> mmw.PathSolver.preset("standard", max_depth=1)
             PathSolver(refraction=True, finite_surfaces=True, diffraction=True, dynamic_range_db=40.0, foliage=True)
         """
-        settings = PHYSICS_PRESETS[check_physics("PathSolver.preset", physics)]
+        settings = PHYSICS_PRESETS[check_choice("PathSolver.preset", physics, Physics)]
         return cls(**{"max_depth": ChannelConfig.model_fields["max_depth"].default, **settings, **changed})
 
     def __repr__(self) -> str:

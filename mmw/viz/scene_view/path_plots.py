@@ -1,10 +1,11 @@
 """Plot paths with matplotlib (extra `plot`): from above over the scene, by delay, or by direction."""
 
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from mmw.channel.scene_paths import Paths
+from mmw.core.choices import check_choice
 from mmw.core.errors import InputError
 from mmw.scene.scene import Scene
 from mmw.viz.plots.link import draw_angles, draw_profile
@@ -61,8 +62,7 @@ def plot_paths(
         >>> paths = mmw.PathSolver(max_depth=1, samples_per_tx=10_000)(scene)
         >>> paths.plot(scene=scene).savefig("paths.png")
     """
-    if view not in get_args(View):
-        raise InputError(f"plot: view = {view!r}; one of {', '.join(get_args(View))} is needed; name one")
+    check_choice("plot: view", view, View)
     lines = choose_paths(paths, carrier_hz=carrier_hz, max_paths=max_paths, scene=scene)
     axes = _axes(view, ax)
     if view == "top":

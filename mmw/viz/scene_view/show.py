@@ -5,10 +5,11 @@ import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from mmw.channel.radio_map.radio_map import RadioMap
 from mmw.channel.scene_paths import Paths
+from mmw.core.choices import check_choice
 from mmw.core.errors import InputError
 from mmw.core.extras import install, needed_by
 from mmw.scene.scene import Scene
@@ -112,8 +113,7 @@ def choose_renderer(renderer: str, file: Path | None) -> tuple[str, str]:
         InputError: If the renderer is unknown, cannot write the file, or has no display.
         MissingPackageError: If Rerun is asked for and is not installed.
     """
-    if renderer not in get_args(Renderer):
-        raise InputError(f"show: renderer = {renderer!r}; one of {', '.join(get_args(Renderer))} is needed; name one")
+    check_choice("show: renderer", renderer, Renderer)
     if file is not None:
         suffix = file.suffix.lower()
         writer = "rerun" if suffix == ".rrd" else "matplotlib" if suffix in PLOT_SUFFIXES else ""

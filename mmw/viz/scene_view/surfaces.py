@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
+from mmw.core.choices import check_choice
 from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh
 from mmw.core.transforms import normalize, rotate
@@ -196,8 +197,7 @@ def scene_surfaces(
     Raises:
         InputError: If `color_by` is unknown.
     """
-    if color_by not in get_args(ColorBy):
-        raise InputError(f"show: color_by = {color_by!r}; one of {', '.join(get_args(ColorBy))} is needed; name one")
+    check_choice("show: color_by", color_by, ColorBy)
     by_class = color_by == "class"
     styles = [(label, CLASS_COLORS[label]) for label in CLASS_COLORS] if by_class else material_styles(materials)
     number = {label: index for index, label in enumerate(CLASS_COLORS)}

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.special import hankel2, jv
 
+from mmw.channel.path_solver.curved_candidates import separate_points
 from mmw.channel.path_solver.curved_surfaces import CurvedTable, find_curved
-from mmw.channel.path_solver.image_method import _apart
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -173,7 +173,7 @@ def test_of_close_points_on_one_surface_the_shortest_path_stays() -> None:
     step = np.full((5, 1), SPECULAR)
     vertex = np.stack([x, 0 * x, 0 * x], axis=1)[:, None]
     found = TracedPaths(link, step[:, 0], step, surface[:, None], vertex, vertex, -step[:, 0], 0 * x)
-    kept = _apart(found, length, cast(CurvedTable, SimpleNamespace(largest=largest)))
+    kept = separate_points(found, length, cast(CurvedTable, SimpleNamespace(largest=largest)))
     assert kept.tolist() == [1, 2, 3, 4]
 
 
