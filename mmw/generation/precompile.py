@@ -7,7 +7,6 @@ modules, and processes divide them: the others load a compiled module from Warp'
 
 import os
 import threading
-import time
 from collections import deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -76,12 +75,13 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
         for name in needed_modules(config, on_gpu=not is_cpu)
         for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
     )
+    ended = threading.Event()
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS), thread_name_prefix="mmw-compiler")
     try:
         opened = pool.submit(_open, device)
-        yield [pool.submit(_compile, waiting, device, opened) for _ in range(MAX_THREADS)]
+        yield [pool.submit(_compile, waiting, device, opened, ended) for _ in range(MAX_THREADS)]
     finally:
-        waiting.clear()
+        ended.set()
         pool.shutdown(wait=True, cancel_futures=True)
 
 
@@ -111,10 +111,14 @@ _PARSING = threading.Lock()
 may end in a SystemError (CPython issue 106905)."""
 
 
-def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future[None]) -> None:
-    """Compile and load waiting modules; one that another worker is compiling goes to the end of the queue."""
+def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future[None], ended: threading.Event) -> None:
+    """Compile and load waiting modules; one that another worker is compiling goes to the end of the queue.
+
+    No module is begun once `ended` is set. Emptying the queue would not do: a module that a thread has just taken goes
+    back to it.
+    """
     opened.result()
-    while True:
+    while not ended.is_set():
         try:
             name, block = waiting.popleft()
         except IndexError:
@@ -126,4 +130,4 @@ def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future
                 wp.load_module(module, device=device, block_dim=block, max_workers=0)
         except Timeout:
             waiting.append((name, block))
-            time.sleep(POLL_S)
+            ended.wait(POLL_S)

@@ -1,15 +1,20 @@
 """Kernels that are compiled ahead of a run: those that it launches, and no others."""
 
+import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 import warp as wp
+from filelock import Timeout
 
 from mmw.channel.path_solver.surface_table import group_coplanar
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
+from mmw.generation import precompile
 from mmw.generation.precompile import BLOCKS, compiled_ahead, kernel_cache, lock_name, needed_modules
 from mmw.storage.lock import exclusive_lock
 
@@ -85,3 +90,26 @@ def test_surfaces_of_one_plane_are_one_group(side: float) -> None:
     upper = lower + np.where(np.abs(normal) > 0.5, 0.0, 1.0)
     group = group_coplanar(normal, offset, lower, upper, np.ones(5), np.array([0, 0, 0, 1, 0]))
     assert group[0] == group[1] and len(np.unique(group)) == 4
+
+
+def test_compilers_end_while_one_is_at_a_module_that_another_worker_compiles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The end comes between taking the module and giving it back; a thread that goes on would wait for the other."""
+    taken, ending = threading.Event(), threading.Event()
+
+    @contextmanager
+    def held(*_: object, **__: object) -> Iterator[None]:
+        taken.set()
+        assert ending.wait(20.0)
+        raise Timeout("another worker")
+        yield
+
+    def run() -> None:
+        with compiled_ahead(config_with("sensors=[{type: imu}]", "channel.enabled=false"), "cpu"):
+            assert taken.wait(20.0)
+            threading.Timer(0.3, ending.set).start()
+
+    monkeypatch.setattr(precompile, "exclusive_lock", held)
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    thread.join(30.0)
+    assert not thread.is_alive()
