@@ -256,7 +256,7 @@ LOW = Lidar(mount={"cav": MountConfig(position_m=(0.0, 0.0, 0.7))})
         (KINDS[0], {"pose": FREE, "velocity": "fast"}, "velocity = 'fast': finite numbers are needed"),
         (KINDS[0], {"pose": FREE, "weather": "foggy"}, "weather 'foggy': the scene has sunny; name one"),
         (KINDS[0], {"pose": FREE, "weather": ["sunny", "dry"]}, "weather 'dry'"),
-        (KINDS[0], {"pose": FREE, "output": "torch"}, "output = 'torch': one of numpy, warp"),
+        (KINDS[0], {"pose": FREE, "output": "torch"}, "output = 'torch'; one of numpy, warp"),
         (KINDS[4], {"pose": FREE, "output": "warp"}, "sensor 'imu': .* makes its arrays on the host"),
         (KINDS[5], {"pose": FREE, "output": "warp"}, "sensor 'gnss': .* makes its arrays on the host"),
         (KINDS[1], {"pose": FREE, "output": "warp"}, "sensor 'radar': .* makes its arrays on the host"),
