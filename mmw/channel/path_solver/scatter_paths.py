@@ -43,10 +43,6 @@ KEPT_SHARE = 32.0
 """Paths that a link keeps for a stated error, over the effective number that it needs; thinning adds at most the
 inverse to the variance of surfaces that scatter alike, and several times that with narrow lobes. Design value."""
 
-KEPT_SHARE = 32.0
-"""Paths that a link keeps for a stated error, over the effective number that it needs; thinning adds at most the
-inverse to the variance. Design value."""
-
 SEARCH_RAYS, MAX_RAYS = 2**14, 2**20
 """Rays of an end for a stated error: the most while no rough surface is seen, which finds those of 0.001 sr, such as 3
 m by 3 m at 100 m; and the most. Design values."""
