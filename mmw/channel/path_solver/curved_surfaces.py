@@ -5,12 +5,13 @@ the edge suggests: chords of width w that meet at an angle b are 0.5 w tan(b / 4
 w / (2 sin(b / 2)). A square post has corners, a hexagonal one is a round post.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.mesh_edges import MeshEdges, find_edges
+from mmw.channel.path_solver.mesh_edges import MeshEdges
 from mmw.core.planar_surfaces import components
 from mmw.kernels.channel.curved_surfaces import CurvedFacets
 from mmw.physics.em.vectors import dot, norm
@@ -75,22 +76,20 @@ class CurvedTable:
     """The facets for kernels."""
 
 
-def find_curved(points: np.ndarray, faces: np.ndarray, surface: np.ndarray, object_id: np.ndarray) -> CurvedPart:
+def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> CurvedPart:
     """Return the curved surfaces of a mesh.
 
     Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Vertex indices, counter-clockwise from outside, shape [F, 3].
+        mesh: Edges of the mesh.
         surface: Flat surface of each face, 0 to S - 1, shape [F].
         object_id: Object of each face, shape [F]; surfaces do not go on from one object to another.
     """
     count = int(surface.max(initial=-1)) + 1
     nothing = np.zeros((0, 3))
-    normal, curvature = np.zeros((len(faces), 3, 3)), np.zeros((len(faces), 3, 3, 3))
+    normal, curvature = np.zeros((len(surface), 3, 3)), np.zeros((len(surface), 3, 3, 3))
     none = CurvedPart(np.full(count, -1), normal, curvature, np.zeros(0, dtype=np.int64), *[nothing] * 3)
-    if not len(faces):
+    if not len(surface):
         return none
-    mesh = find_edges(points, faces)
     doubled = np.cross(mesh.corner[:, 1] - mesh.corner[:, 0], mesh.corner[:, 2] - mesh.corner[:, 0])
     face_area = 0.5 * norm(doubled)
     area = np.bincount(surface, face_area, count)
@@ -108,6 +107,7 @@ def find_curved(points: np.ndarray, faces: np.ndarray, surface: np.ndarray, obje
     group[is_curved] = np.unique(label[is_curved], return_inverse=True)[1]
     of_face = np.where(mesh.has_area, group[surface], -1)
     own = np.flatnonzero(of_face >= 0)
+    own = own[np.argsort(surface[own], kind="stable")]  # the order in which values are summed
     normal[own] = _corner_normals(mesh, own, of_face, surface, area, mean)
     curvature[own] = _corner_curvatures(mesh, own, of_face, normal[own])
     half, edge_group = _outlines(mesh, of_face)
@@ -227,33 +227,33 @@ def _outlines(mesh: MeshEdges, of_face: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def make_curved_table(
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+    parts: Sequence[tuple[MeshEdges, np.ndarray, np.ndarray, np.ndarray]],
     row: np.ndarray,
     first: np.ndarray,
     triangle_count: np.ndarray,
     area: np.ndarray,
-    is_excluded: np.ndarray,
     device: str,
 ) -> CurvedTable:
     """Return the curved surfaces of a scene.
 
     Args:
-        parts: Points, faces, surface and object of each face of the town and of every model, faces of one surface
-            together, as their triangles are on the device.
+        parts: Edges, and surface, object and triangle on the device of each face, of the town and of every model.
         row: Geometry row of each surface of the scene, shape [G]; R rows.
         first: First triangle of each row, shape [R].
         triangle_count: Triangles of each row, shape [R].
         area: Area of each row [m^2], shape [R].
-        is_excluded: Surfaces that are no facets whatever their shape, shape [G].
         device: Warp device.
     """
-    curved = [find_curved(*part) for part in parts]
+    curved = [find_curved(mesh, surface, object_id) for mesh, surface, object_id, _ in parts]
     groups = np.cumsum([0, *(int(part.group.max(initial=-1)) + 1 for part in curved)])
-    group = np.concatenate(
-        [np.where(part.group < 0, -1, part.group + k) for part, k in zip(curved, groups, strict=False)]
-    )
+    count = int(triangle_count.sum())
+    group_of, normal, curvature = np.full(count, -1), np.zeros((count, 3, 3)), np.zeros((count, 3, 3, 3))
+    for part, (_, surface, _, at), k in zip(curved, parts, groups, strict=False):
+        group_of[at] = np.where(part.group < 0, -1, part.group + k)[surface]
+        normal[at], curvature[at] = part.normal, part.curvature
+    group = group_of[first]
     edge_group = np.concatenate([part.edge_group + k for part, k in zip(curved, groups, strict=False)])
-    is_curved = (group[row] >= 0) & ~is_excluded
+    is_curved = group[row] >= 0
     order = np.lexsort((-area, group))
     lead = np.zeros(int(groups[-1]) + 1, dtype=np.int64)  # the last one is that of no group
     lead[group[order[::-1]]] = order[::-1]  # the last one written stays
@@ -269,8 +269,8 @@ def make_curved_table(
     for name, values, dtype in (
         ("surface", surface, wp.int32),
         ("corner", 3 * triangle, wp.int32),
-        ("normal", np.concatenate([part.normal.reshape(-1, 3) for part in curved]), wp.vec3d),
-        ("curvature", np.concatenate([part.curvature.reshape(-1, 3, 3) for part in curved]), wp.mat33d),
+        ("normal", normal.reshape(-1, 3), wp.vec3d),
+        ("curvature", curvature.reshape(-1, 3, 3), wp.mat33d),
         ("group", group, wp.int32),
         ("first", np.searchsorted(edge_group, np.arange(groups[-1] + 1)), wp.int32),
         ("begin", np.concatenate([part.begin for part in curved]), wp.vec3d),

@@ -1,5 +1,6 @@
 """Find the wedges of a scene: convex edges between its flat surfaces, and edges of open sheets."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import warp as wp
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.edge_lines import EdgeLines, join_edges, line_lengths
 from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, find_contacts, open_sectors
-from mmw.channel.path_solver.mesh_edges import find_edges
+from mmw.channel.path_solver.mesh_edges import MeshEdges
 from mmw.kernels.channel.edge_contacts import TOUCH_M
 from mmw.kernels.channel.edges import Wedges
 from mmw.physics.em.vectors import dot, norm
@@ -66,30 +67,25 @@ class WedgeTable:
 def make_wedge_table(
     scene: DeviceScene,
     plane: np.ndarray,
+    meshes: Sequence[tuple[MeshEdges, np.ndarray]],
     *,
-    enabled: bool,
     sheets: bool,
     min_bend: float,
-    town: np.ndarray | None = None,
     curved: CurvedTable | None = None,
 ) -> WedgeTable:
-    """Return the wedges of a scene, or none if `enabled` is false.
+    """Return the wedges of a scene, or none without meshes.
 
     Args:
         scene: The scene; nothing of its batch is used.
         plane: Plane of every surface of the scene, shape [G].
-        enabled: Whether diffraction is wanted.
+        meshes: Edges, and surface of each face, of the town and of every model.
         sheets: Whether the edges of open sheets are wanted too.
         min_bend: Smallest angle between the normals of a wedge's faces [rad].
-        town: Faces of the static world that have wedges, shape [M], bool; None for all.
         curved: Curved surfaces of the scene, if it has them.
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
     columns, lines = [(len(scene.instance_actor), 0, NO_WEDGES)], [_lines(NO_WEDGES)]
-    if enabled:
-        own = slice(None) if town is None else town
-        meshes = [(arrays.points, arrays.faces[own], arrays.surface[own])]
-        meshes += [(model.points, model.faces, model.surface) for model in arrays.models]
+    if meshes:
         of_town, *of_model = (
             find_wedges(*mesh, sheets=sheets, min_bend=min_bend, device=scene.device) for mesh in meshes
         )
@@ -138,13 +134,7 @@ def _lines(wedges: tuple[np.ndarray, ...], object_id: np.ndarray | None = None) 
 
 
 def find_wedges(
-    points: np.ndarray,
-    faces: np.ndarray,
-    surface: np.ndarray,
-    *,
-    sheets: bool = False,
-    min_bend: float = MIN_BEND_RAD,
-    device: str = "cpu",
+    mesh: MeshEdges, surface: np.ndarray, *, sheets: bool = False, min_bend: float = MIN_BEND_RAD, device: str = "cpu"
 ) -> tuple[np.ndarray, ...]:
     """Return the convex edges between flat surfaces of a mesh, and on request the free ones of open sheets.
 
@@ -154,8 +144,7 @@ def find_wedges(
     sheet that has both sides, have the edge of a half-plane.
 
     Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Vertex indices, shape [M, 3].
+        mesh: Edges of the mesh.
         surface: Surface of each face, shape [M].
         sheets: Whether bodies that do not close are sheets, each of whose faces has both sides.
         min_bend: Smallest angle between the normals of a wedge's faces [rad].
@@ -164,9 +153,8 @@ def find_wedges(
     Returns:
         begin, end, normal_0, normal_n, away, each [E, 3], and surface_0, surface_n, each [E]; sorted by the surfaces.
     """
-    if len(faces) == 0:
+    if not len(mesh.first):
         return NO_WEDGES
-    mesh = find_edges(points, faces)
     is_sheet = mesh.is_open & sheets
     one, two = mesh.first, mesh.first + np.where(mesh.size > 1, 1, 0)
     n0, nn = mesh.normal[mesh.face[one]], mesh.normal[mesh.face[two]]

@@ -57,7 +57,7 @@ def find_edges(points: np.ndarray, faces: np.ndarray) -> MeshEdges:
     low, high = edges.min(axis=1), edges.max(axis=1)
     order = np.lexsort((high, low))
     low, high, edges, face, opposite = low[order], high[order], edges[order], face[order], opposite[order]
-    first = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1])))
+    first = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1]))[: len(order)])
     size = np.diff(np.append(first, len(order)))
     is_real = low[first] != high[first]
     first, size = first[is_real], size[is_real]

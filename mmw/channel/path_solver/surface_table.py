@@ -10,6 +10,7 @@ import warp as wp
 from mmw.channel.path_solver.curved_surfaces import CurvedTable, make_curved_table
 from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.foliage import Foliage
+from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
@@ -119,8 +120,8 @@ def make_surface_table(
     counts = [town_count] + [int(surface.max()) + 1 for _, _, surface, _ in models]
     row_start = np.concatenate([[0], np.cumsum(counts)])
     corners, rows, materials = [], [], []
-    for start, (points, faces, surface, material) in zip(row_start, parts, strict=False):
-        order = np.argsort(surface, kind="stable")
+    orders = [np.argsort(surface, kind="stable") for _, _, surface, _ in parts]
+    for start, order, (points, faces, surface, material) in zip(row_start, orders, parts, strict=False):
         corners.append(points[faces[order]].reshape(-1, 3, 3))
         rows.append(start + surface[order].astype(np.int64))
         materials.append(material[order])
@@ -171,18 +172,20 @@ def make_surface_table(
     table["plane"] = _planes(of_row[row_all], table["owner"])
     plane_count = int(table["plane"].max()) + 1 if len(row_all) else 0
     lead = _leads(table["plane"], table["area"])
+    solid = [slice(None) if leaves is None else leaves.solid_faces, *(slice(None) for _ in models)]
+    meshes = []
+    if wedges or finite:
+        for (points, faces, surface, _), own in zip(parts, solid, strict=True):
+            meshes.append((find_edges(points, faces[own]), surface[own]))
     outlines = curved = None
     if finite:
         of_plane = of_row[row_all][lead]
         outlines = make_outline_table(triangle, row_of, of_row, normal, area, of_plane)
-        ids = [arrays.object_id, *(np.zeros(len(m.faces), dtype=np.int32) for m in arrays.models)]
-        sorted_parts = [
-            (points, faces[order], surface[order], object_id[order])
-            for (points, faces, surface, _), object_id in zip(parts, ids, strict=True)
-            for order in [np.argsort(surface, kind="stable")]
-        ]
-        excluded = np.zeros(len(row_all), dtype=bool) if leaves is None else leaves.is_foliage
-        curved = make_curved_table(sorted_parts, row_all, first, triangle_count, area, excluded, scene.device)
+        objects_of = [arrays.object_id[solid[0]], *(np.zeros(len(m.faces), dtype=np.int32) for m in arrays.models)]
+        begin = np.cumsum([0, *(len(order) for order in orders)])
+        triangles = [k + np.argsort(order)[own] for k, order, own in zip(begin, orders, solid, strict=False)]
+        described = [(*mesh, *more) for mesh, *more in zip(meshes, objects_of, triangles, strict=True)]
+        curved = make_curved_table(described, row_all, first, triangle_count, area, scene.device)
     return SurfaceTable(
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},
         device=_to_device(table, lower, upper, len(scene.instance_actor), scene.device),
@@ -190,10 +193,9 @@ def make_surface_table(
         wedges=make_wedge_table(
             scene,
             table["plane"],
-            enabled=wedges,
+            meshes if wedges else [],
             sheets=sheets,
             min_bend=min_bend,
-            town=None if leaves is None else leaves.solid_faces,
             curved=curved,
         ),
         has_wedges=wedges,

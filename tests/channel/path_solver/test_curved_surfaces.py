@@ -8,7 +8,8 @@ import pytest
 from scipy.special import hankel2, jv
 
 from mmw.channel.path_solver.curved_candidates import separate_points
-from mmw.channel.path_solver.curved_surfaces import CurvedTable, find_curved
+from mmw.channel.path_solver.curved_surfaces import CurvedPart, CurvedTable, find_curved
+from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -50,6 +51,12 @@ def sphere(radius: float, rows: int, height: float) -> MeshPart:
     ]
     faces = np.concatenate([np.stack([x.ravel() for x in part], axis=1) for part in parts])
     return MeshPart("Props/ball", points + np.array([0.0, 0.0, height]), faces.astype(np.int32), "metal", "static")
+
+
+def curved(points: np.ndarray, faces: np.ndarray) -> CurvedPart:
+    """Return the curved surfaces of a mesh of one object."""
+    zero = np.zeros(len(faces), dtype=np.int64)
+    return find_curved(find_edges(points, faces), find_surfaces(points, faces, zero, zero), zero)
 
 
 def solve(parts: list[MeshPart], tx: tuple, rx: list[tuple], device: str, **options: object) -> PathSet:
@@ -156,10 +163,8 @@ def test_a_post_ends_at_its_top(device: str) -> None:
 )
 def test_small_bends_are_curved_and_corners_are_not(part: MeshPart, is_curved: bool) -> None:
     """All facets of a post and a ball are one curved surface; corners, towers and streets are flat pieces."""
-    zero = np.zeros(len(part.faces), dtype=np.int64)
-    surface = find_surfaces(part.points, part.faces, zero, zero)
-    found = find_curved(part.points, part.faces, surface, zero)
-    np.testing.assert_array_equal(found.group, np.full(surface.max() + 1, 0 if is_curved else -1))
+    found = curved(part.points, part.faces)
+    np.testing.assert_array_equal(found.group, 0 if is_curved else -1)
     if is_curved:
         np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1.0, atol=1e-12)
         out = part.points[part.faces] - part.points.mean(axis=0)
@@ -183,8 +188,7 @@ def test_faces_without_area_change_nothing() -> None:
     sliver = np.array([[0, 1, 1], [0, 9, 9]], dtype=np.int32)
     results = []
     for faces in (part.faces, np.concatenate([part.faces, sliver])):
-        zero = np.zeros(len(faces), dtype=np.int64)
-        results.append(find_curved(part.points, faces, find_surfaces(part.points, faces, zero, zero), zero))
+        results.append(curved(part.points, faces))
     for name in ("normal", "curvature"):
         one, other = (getattr(found, name)[: len(part.faces)] for found in results)
         np.testing.assert_allclose(one, other, atol=1e-12)
@@ -194,8 +198,7 @@ def test_faces_without_area_change_nothing() -> None:
 def test_the_outline_is_where_a_curved_surface_ends() -> None:
     """A closed ball has none; a tube its two rims, counter-clockwise seen from outside."""
     for part, edges in ((sphere(0.5, 12, 0.0), 0), (tube(0.11, 8, height=2.0), 16)):
-        zero = np.zeros(len(part.faces), dtype=np.int64)
-        found = find_curved(part.points, part.faces, find_surfaces(part.points, part.faces, zero, zero), zero)
+        found = curved(part.points, part.faces)
         assert len(found.begin) == edges
         middle = part.points.mean(axis=0)
         inward = np.cross(found.facing, found.end - found.begin)

@@ -7,6 +7,7 @@ import pytest
 
 import mmw
 from mmw.channel.path_solver.edge_table import find_wedges
+from mmw.channel.path_solver.mesh_edges import MeshEdges, find_edges
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS
 from mmw.core.errors import InputError
 from mmw.core.planar_surfaces import find_surfaces
@@ -32,13 +33,13 @@ def prism(outline: list[tuple[float, float]], low: float, high: float) -> Mesh:
     return points, np.array(faces, dtype=np.int32)
 
 
-def together(bodies: list[Mesh]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points, faces and surfaces of several objects in one mesh."""
+def together(bodies: list[Mesh]) -> tuple[MeshEdges, np.ndarray]:
+    """Return the edges of several objects in one mesh, and the surface of each face."""
     starts = np.cumsum([0, *(len(points) for points, _ in bodies)])
     points = np.concatenate([points for points, _ in bodies])
     faces = np.concatenate([faces + start for (_, faces), start in zip(bodies, starts, strict=False)])
     owner = np.repeat(np.arange(len(bodies)), [len(faces) for _, faces in bodies]).astype(np.int32)
-    return points, faces, find_surfaces(points, faces, owner, np.zeros_like(owner))
+    return find_edges(points, faces), find_surfaces(points, faces, owner, np.zeros_like(owner))
 
 
 def wedges_of(bodies: list[Mesh], **options) -> list[tuple]:

@@ -5,6 +5,7 @@ import pytest
 from scipy.special import fresnel, hankel2, wofz
 
 from mmw.channel.path_solver.edge_table import find_wedges
+from mmw.channel.path_solver.mesh_edges import MeshEdges, find_edges
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -27,14 +28,15 @@ CONCRETE = RadioMaterial("itu", itu="itu_concrete")
 DIFFRACTED = oracle.channel(carriers_hz=(CARRIER_HZ,), diffraction=True, pattern="iso")
 
 
-def surfaces_of(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def with_surfaces(points: np.ndarray, faces: np.ndarray) -> tuple[MeshEdges, np.ndarray]:
+    """Return the edges of a mesh of one object, and the surface of each face."""
     nothing = np.zeros(len(faces), dtype=np.int32)
-    return find_surfaces(points, faces, nothing, nothing)
+    return find_edges(points, faces), find_surfaces(points, faces, nothing, nothing)
 
 
 def edges_of(points: np.ndarray, faces: np.ndarray) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
     """Return both ends of every wedge of a mesh, sorted."""
-    begin, end = find_wedges(points, faces, surfaces_of(points, faces))[:2]
+    begin, end = find_wedges(*with_surfaces(points, faces))[:2]
     return sorted(tuple(sorted(map(tuple, np.round([a, b], 6).tolist()))) for a, b in zip(begin, end, strict=True))
 
 
@@ -68,7 +70,7 @@ def test_wedges_of_a_box() -> None:
     assert edges_of(points[faces].reshape(-1, 3), np.arange(36, dtype=np.int32).reshape(-1, 3)) == edges
     assert edges_of(points, faces[:, ::-1]) == edges  # closed and inside out: it is turned
     assert edges_of(points, np.concatenate([faces[:6, ::-1], faces[6:]])) != edges  # faces that disagree are not
-    n0, nn = find_wedges(points, faces, surfaces_of(points, faces))[2:4]
+    n0, nn = find_wedges(*with_surfaces(points, faces))[2:4]
     assert np.abs(np.einsum("ex,ex->e", n0, nn)).max() < 1e-12
 
 
@@ -270,18 +272,18 @@ def test_edges_of_open_sheets() -> None:
     """A sheet has its outline, in whole edges however it is cut; a closed body has none but its own."""
     points, faces = np.array([[0, 0, 0], [4, 0, 0], [4, 3, 0], [0, 3, 0.0]]), np.array([[0, 1, 2], [0, 2, 3]])
     for mesh in ((points, faces), split(points, faces)):
-        begin, end, n0, nn, away, *_ = find_wedges(*mesh, surfaces_of(*mesh), sheets=True)
+        begin, end, n0, nn, away, *_ = find_wedges(*with_surfaces(*mesh), sheets=True)
         assert sorted(np.round(np.linalg.norm(end - begin, axis=1), 9)) == [3.0, 3.0, 4.0, 4.0]
         np.testing.assert_allclose(n0, -nn)
         assert (np.einsum("ex,ex->e", away, 0.5 * (begin + end) - [2, 1.5, 0]) > 1.0).all()
-        assert len(find_wedges(*mesh, surfaces_of(*mesh))[0]) == 0
+        assert len(find_wedges(*with_surfaces(*mesh))[0]) == 0
         both = mesh[0], np.concatenate([mesh[1], mesh[1][:, ::-1]])  # back to back, as double-sided exports have them
-        begin, end, n0, nn, away, *_ = find_wedges(*both, surfaces_of(*both))
+        begin, end, n0, nn, away, *_ = find_wedges(*with_surfaces(*both))
         assert sorted(np.round(np.linalg.norm(end - begin, axis=1), 9)) == [3.0, 3.0, 4.0, 4.0]
         np.testing.assert_allclose(n0, -nn)
         assert (np.einsum("ex,ex->e", away, 0.5 * (begin + end) - [2, 1.5, 0]) > 1.0).all()
     box = box_mesh((2.0, 3.0, 4.0))
-    assert len(find_wedges(*box, surfaces_of(*box), sheets=True)[0]) == 12
+    assert len(find_wedges(*with_surfaces(*box), sheets=True)[0]) == 12
 
 
 @pytest.mark.parametrize("polarization", ["soft", "hard"])
