@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmw.core.planar_surfaces import components, weld
 from mmw.scene.leaf_cards import LeafCards, leaf_cards
+from mmw.scene.mesh_edges import find_edges
 from mmw.scene.scene_data import SceneData
 
 SHEET_M = 0.05
@@ -32,10 +32,9 @@ def optical_arrays(arrays: SceneData) -> SceneData:
         return arrays
     faces = arrays.faces[row]
     used, index = np.unique(faces, return_inverse=True)
-    vertex = weld(arrays.points[used])[index.reshape(faces.shape)]
-    is_closed, is_turned, body = closed_bodies(arrays.points[used], vertex)
-    outward = np.where(is_turned[:, None], faces[:, ::-1], faces)
-    is_closed &= ~_sheets(arrays.points[outward], body)
+    hulls = find_edges(arrays.points[used], index.reshape(faces.shape))
+    outward, body = np.where(hulls.is_turned[:, None], faces[:, ::-1], faces), hulls.body
+    is_closed = ~hulls.is_open & ~_sheets(arrays.points[outward], body)
     if not is_closed.any():
         return arrays
     closed = np.flatnonzero(is_closed)
@@ -85,36 +84,3 @@ def foliage_faces(arrays: SceneData) -> np.ndarray:
     by_weather = [[m.radio.medium == "foliage" for m in some] for some in arrays.materials.values()]
     is_leafy = np.any(by_weather, axis=0) if by_weather else np.zeros(0, dtype=bool)
     return is_leafy[arrays.material] if len(arrays.material) else np.zeros(0, dtype=bool)
-
-
-def closed_bodies(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which faces close a volume with those that they are connected to by edges, and which look inward.
-
-    In a closed body every edge is run through as often in one direction as in the other.
-
-    Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Vertex indices, the same for vertices in one place, shape [M, 3].
-
-    Returns:
-        Both of shape [M], bool; faces that close nothing do not look inward. And the body of each face: the lowest of
-        the faces that it is connected to, itself included, shape [M].
-
-    Source: volume by the divergence theorem, sum of p0 . (p1 x p2) / 6 over the faces, about a corner of the body.
-    """
-    begin, end = faces.reshape(-1), faces[:, [1, 2, 0]].reshape(-1)
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    edge = np.unique(low * (int(faces.max(initial=0)) + 1) + high, return_inverse=True)[1].reshape(-1)
-    balance = np.bincount(edge, weights=np.sign(end - begin))
-    order = np.argsort(edge, kind="stable")
-    is_same = edge[order][1:] == edge[order][:-1]
-    face = order // 3
-    body = components(len(faces), face[1:][is_same], face[:-1][is_same])
-    loose = np.bincount(body, weights=(balance[edge] != 0.0).reshape(-1, 3).any(axis=1), minlength=len(faces))
-    corner = points[faces].astype(np.float64)
-    corner -= corner[body][:, :1]
-    volume = np.bincount(
-        body, weights=np.einsum("fk,fk->f", corner[:, 0], np.cross(corner[:, 1], corner[:, 2])), minlength=len(faces)
-    )
-    is_closed = loose[body] == 0.0
-    return is_closed, is_closed & (volume[body] < 0.0), body

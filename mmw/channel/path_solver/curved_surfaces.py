@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.mesh_edges import MeshEdges
 from mmw.core.planar_surfaces import components
 from mmw.kernels.channel.curved_surfaces import CurvedFacets
 from mmw.physics.em.vectors import dot, norm
+from mmw.scene.mesh_edges import MeshEdges
 
 MAX_BEND_RAD = np.radians(75.0)
 """Largest bend between two facets of a curved surface [rad]: a round trunk of five facets bends by 72 degrees."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.mesh_edges import MeshEdges
 from mmw.kernels.channel.edge_contacts import MIN_CONTACT_M, TOUCH_M, TOUCH_SHARE, EdgeBoxes, edge_contacts_kernel
 from mmw.physics.em.vectors import dot, norm
+from mmw.scene.mesh_edges import MeshEdges
 
 SAME_SIDE_RAD = 1e-3
 """Half-planes whose angles differ by less [rad] are one. Faces back to back have unit normals whose sum is shorter."""

@@ -10,11 +10,11 @@ import warp as wp
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.edge_lines import EdgeLines, join_edges, line_lengths
 from mmw.channel.path_solver.edge_sectors import SAME_SIDE_RAD, find_contacts, open_sectors
-from mmw.channel.path_solver.mesh_edges import MeshEdges
 from mmw.kernels.channel.edge_contacts import TOUCH_M
 from mmw.kernels.channel.edges import Wedges
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.mesh_edges import MeshEdges
 
 MIN_BEND_RAD = 0.05
 """Smallest angle between the normals of a wedge's faces by default [rad]; flatter edges, as on a rounded bonnet,

@@ -5,11 +5,11 @@ import warp as wp
 
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.bvh import build_bvhs
-from mmw.core.planar_surfaces import weld
 from mmw.kernels.channel.foliage import Hulls, length_inside_kernel
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene, copy_struct
-from mmw.scene.foliage import closed_bodies, foliage_faces
+from mmw.scene.foliage import foliage_faces
+from mmw.scene.mesh_edges import find_edges
 
 BOX_MARGIN_M = 0.01
 """Enlargement of the boxes of faces [m]: a ray in single precision meets the box of every face that it crosses."""
@@ -73,14 +73,13 @@ class Foliage:
         """Return the faces that close volumes, which look outward, or None; count the others."""
         points = scene.arrays.points - scene.origin
         used, index = np.unique(faces, return_inverse=True)
-        index = weld(points[used])[index.reshape(faces.shape)]
-        is_closed, is_turned, _ = closed_bodies(points[used], index)
-        self.open_faces = int((~is_closed).sum())
-        if not is_closed.any():
+        mesh = find_edges(points[used], index.reshape(faces.shape))
+        self.open_faces = int(mesh.is_open.sum())
+        if mesh.is_open.all():
             return None
-        index[is_turned] = index[is_turned][:, ::-1]
-        corner = points[used][index[is_closed]]
-        self.outward[surface[is_closed]] = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        outward = np.where(mesh.is_turned[:, None], mesh.welded[:, ::-1], mesh.welded)
+        corner = points[used][outward[~mesh.is_open]]
+        self.outward[surface[~mesh.is_open]] = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
         hulls = Hulls()
         hulls.corner = wp.array(corner, dtype=wp.vec3d, device=scene.device)
         low, high = (

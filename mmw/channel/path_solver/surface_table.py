@@ -10,13 +10,13 @@ import warp as wp
 from mmw.channel.path_solver.curved_surfaces import CurvedTable, make_curved_table
 from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.foliage import Foliage
-from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.surfaces import Surfaces
 from mmw.kernels.core import structs
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.mesh_edges import find_edges
 
 SAME_PLANE_M = 1e-4
 """Farthest that the corners of a surface's box may lie from the plane of its group, beyond what they do from its

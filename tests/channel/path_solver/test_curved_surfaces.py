@@ -9,13 +9,13 @@ from scipy.special import hankel2, jv
 
 from mmw.channel.path_solver.curved_candidates import separate_points
 from mmw.channel.path_solver.curved_surfaces import CurvedPart, CurvedTable, find_curved
-from mmw.channel.path_solver.mesh_edges import find_edges
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.physics.em.interaction import SPECULAR
 from mmw.physics.materials.material import RadioMaterial
+from mmw.scene.mesh_edges import find_edges
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import arrays_from_parts, box_part, pose
 from tests.oracles import channel as oracle

@@ -7,12 +7,12 @@ import pytest
 
 import mmw
 from mmw.channel.path_solver.edge_table import find_wedges
-from mmw.channel.path_solver.mesh_edges import MeshEdges, find_edges
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS
 from mmw.core.errors import InputError
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import pose_from_ypr, transform_points
 from mmw.physics.materials.material import RadioMaterial
+from mmw.scene.mesh_edges import MeshEdges, find_edges
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.scenes import box_mesh
 from tests.oracles import channel as oracle

@@ -5,7 +5,6 @@ import pytest
 from scipy.special import fresnel, hankel2, wofz
 
 from mmw.channel.path_solver.edge_table import find_wedges
-from mmw.channel.path_solver.mesh_edges import MeshEdges, find_edges
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
@@ -13,6 +12,7 @@ from mmw.core.planar_surfaces import find_surfaces
 from mmw.core.transforms import make_pose, rotate, transform_points
 from mmw.physics.em.transition import transition
 from mmw.physics.materials.material import RadioMaterial
+from mmw.scene.mesh_edges import MeshEdges, find_edges
 from mmw.scene.scene_data import SceneData
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.device_rays import loaded

@@ -20,8 +20,12 @@ class MeshEdges:
     """Outward unit normal of each face, shape [M, 3], 0 for a face without area."""
     has_area: np.ndarray
     """True for a face with an area, shape [M]."""
+    body: np.ndarray
+    """Body of each face: the lowest of the faces that edges of two faces connect it to, or itself, shape [M]."""
     is_open: np.ndarray
     """True for a face of a body that does not close or whose faces disagree about the outside, shape [M]."""
+    is_turned: np.ndarray
+    """True for a face of a closed body that is inside out: `normal` is that of the reversed face, shape [M]."""
     welded: np.ndarray
     """Welded vertex at each corner of the faces, shape [M, 3]."""
     vertex: np.ndarray
@@ -56,23 +60,24 @@ def find_edges(points: np.ndarray, faces: np.ndarray) -> MeshEdges:
     face, opposite = np.repeat(np.arange(len(faces)), 3), faces[:, [2, 0, 1]].reshape(-1)
     low, high = edges.min(axis=1), edges.max(axis=1)
     order = np.lexsort((high, low))
+    order = order[low[order] != high[order]]
     low, high, edges, face, opposite = low[order], high[order], edges[order], face[order], opposite[order]
     first = np.flatnonzero(np.append(True, (low[1:] != low[:-1]) | (high[1:] != high[:-1]))[: len(order)])
     size = np.diff(np.append(first, len(order)))
-    is_real = low[first] != high[first]
-    first, size = first[is_real], size[is_real]
     corner = points[faces].astype(np.float64)
     normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
     length = norm(normal)
     normal /= np.where(length > 0.0, length, 1.0)[:, None]
-    is_turned, is_open = _bodies(corner, face, edges[:, 0] < edges[:, 1], first, size)
+    body, is_open, is_turned = _bodies(corner, face, edges[:, 0] < edges[:, 1], first, size)
     normal[is_turned] *= -1.0
     return MeshEdges(
         points=points.astype(np.float64),
         corner=corner,
         normal=normal,
         has_area=length > 0.0,
+        body=body,
         is_open=is_open,
+        is_turned=is_turned,
         welded=vertex,
         vertex=edges,
         face=face,
@@ -84,10 +89,11 @@ def find_edges(points: np.ndarray, faces: np.ndarray) -> MeshEdges:
 
 def _bodies(
     corner: np.ndarray, face: np.ndarray, is_forward: np.ndarray, first: np.ndarray, size: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return which faces are of a closed body whose faces all look inward, and which of one that does not close.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the body of each face, whether that does not close, and whether it closes and is inside out, [M] each.
 
-    A body is the faces that edges connect; one that is inside out has a negative volume.
+    A body is the faces that edges of two faces connect. It closes if its faces run through every edge as often in one
+    direction as in the other, and is inside out if its volume is negative.
 
     Args:
         corner: Corners of the faces [m], shape [M, 3, 3].
@@ -96,18 +102,16 @@ def _bodies(
         first: First half-edge of each edge, shape [E].
         size: Half-edges of each edge, shape [E].
 
-    Returns:
-        Whether each face is turned, and whether its body is open, both [M].
-
     Source: volume by the divergence theorem, sum of (p0 - c) . ((p1 - c) x (p2 - c)) / 6 over the faces.
     """
-    seam = first[size >= 2]
+    seam = first[size == 2]
     body = components(len(corner), face[seam], face[seam + 1])
-    is_seam = size == 2
-    is_seam[is_seam] = is_forward[first[is_seam]] != is_forward[first[is_seam] + 1]
-    is_loose = np.bincount(body[face[first[~is_seam]]], minlength=len(corner)) > 0
+    edge = np.repeat(np.arange(len(size)), size)
+    own = np.unique(edge * len(corner) + body[face], return_inverse=True)[1].reshape(-1)  # edge of one body
+    is_uneven = np.bincount(own, weights=np.where(is_forward, 1.0, -1.0)) != 0.0
+    is_open = np.bincount(body[face], weights=is_uneven[own], minlength=len(corner)) > 0.0
     arm = corner - corner[body][:, :1]
     volume = np.bincount(body, weights=np.einsum("fk,fk->f", arm[:, 0], np.cross(arm[:, 1], arm[:, 2])) / 6.0)
     extent = np.bincount(body, weights=np.linalg.norm(arm, axis=2).max(axis=1) ** 3)
-    is_turned = ~is_loose[: len(volume)] & (volume < -1e-12 * extent)  # a body without thickness has no inside
-    return is_turned[body], is_loose[body]
+    is_turned = ~is_open[: len(volume)] & (volume < -1e-12 * extent)  # a body without thickness has no inside
+    return body, is_open[body], is_turned[body]
