@@ -85,16 +85,15 @@ def trace_links(
         search.release()
     geometry, interactions = found_geometry(search, found)
     if config.diffraction and not config.diffraction_lit_region:
-        keep = np.ones(len(found), dtype=bool)
-        keep[interactions.wedges.path[is_lit(geometry, interactions.wedges)]] = False
-        found = found.take(np.nonzero(keep)[0])
-        geometry, interactions = found_geometry(search, found)
+        lit = interactions.wedges.path[is_lit(geometry, interactions.wedges)]
+        keep = np.setdiff1d(np.arange(len(found)), lit)
+        found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
     share = None
     if table.outlines is not None:
         share = finite_shares(search, found, geometry, interactions.wedges, table.outlines, config.carriers_hz)
         keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
-        found, share = found.take(keep), share[keep]
-        geometry, interactions = found_geometry(search, found)
+        found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
+        share = share[keep]
     range_rate = range_rates(search, found, geometry)
     inside = np.zeros(len(found))
     if table.foliage is not None:

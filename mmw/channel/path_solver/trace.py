@@ -6,7 +6,6 @@ import numpy as np
 
 from mmw.channel.antennas.link_elements import LinkElements
 from mmw.channel.links import Links
-from mmw.channel.path_solver.found_geometry import found_geometry
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import AIR_LOSSES
@@ -42,14 +41,12 @@ class Trace:
     """Share of the mirror's field that finite surfaces reflect, at every carrier, shape [P, C]; None if infinite."""
 
     def take(self, rows: np.ndarray) -> "Trace":
-        """Return some of the paths."""
-        found = self.found.take(rows)
-        geometry, interactions = found_geometry(self.search, found)
+        """Return some of the paths, in their order."""
         return replace(
             self,
-            found=found,
-            geometry=geometry,
-            interactions=interactions,
+            found=self.found.take(rows),
+            geometry=self.geometry.take(rows),
+            interactions=self.interactions.take(rows),
             range_rate=self.range_rate[rows],
             foliage_m=self.foliage_m[rows],
             share=None if self.share is None else self.share[rows],

@@ -42,6 +42,10 @@ class PathGeometry:
     theta_r: np.ndarray
     phi_r: np.ndarray
 
+    def take(self, rows: np.ndarray) -> "PathGeometry":
+        """Return some of the paths."""
+        return PathGeometry(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
     @property
     def departure(self) -> np.ndarray:
         """Unit direction leaving the transmitter, shape [P, 3]."""

@@ -1,6 +1,7 @@
 """Compute the transfer of every path for one weather and all carriers, from its geometry and the materials on it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -24,6 +25,8 @@ from mmw.physics.em.surface_response import SurfaceResponse
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 
+Hits = TypeVar("Hits", WedgeHits, ScatteringPoints)
+
 
 @dataclass(frozen=True)
 class Interactions:
@@ -39,6 +42,24 @@ class Interactions:
     """Smaller extents of the two faces of each wedge [m], shape [Q, 2]; None if faces reflect as if infinite."""
     rough: ScatteringPoints
     """The diffuse reflections among them."""
+
+    def take(self, rows: np.ndarray) -> "Interactions":
+        """Return the interactions of some of the paths, in their order."""
+        own, wedges = _of_paths(self.wedges, rows)
+        return Interactions(
+            material_id=self.material_id[rows],
+            wedges=wedges,
+            wedge_material=self.wedge_material[own],
+            wedge_width=None if self.wedge_width is None else self.wedge_width[own],
+            rough=_of_paths(self.rough, rows)[1],
+        )
+
+
+def _of_paths(hits: Hits, rows: np.ndarray) -> tuple[np.ndarray, Hits]:
+    """Return the rows of hits of some paths, which grow, and these hits; `path` of them counts these paths."""
+    own = np.flatnonzero(np.isin(hits.path, rows))
+    taken = {name: getattr(hits, name)[own] for name in hits.__dataclass_fields__}
+    return own, replace(hits, **taken | {"path": np.searchsorted(rows, hits.path[own])})
 
 
 def wedge_terms_of(

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from mmw.channel.links import make_links
 from mmw.channel.path_solver import candidates, mirrored_patches, patch_rays, scatter_paths
 from mmw.channel.path_solver import image_method as finder
-from mmw.channel.path_solver.solver import solve_paths
+from mmw.channel.path_solver.found_geometry import found_geometry
+from mmw.channel.path_solver.solver import solve_paths, trace_links
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_DIFFRACTION, PATH_DIFFUSE, PATH_LOS, PATH_SPECULAR, PATH_TRANSMISSION, PathSet
 from mmw.config import ChannelConfig
@@ -216,6 +217,23 @@ def test_order_of_links_does_not_change_a_bit(config: ChannelConfig, device: str
     turned = solve_paths(scene, links.take(mixed), config, arrays.materials)
     for k, link in enumerate(mixed):
         assert_same_bits(paths, paths.link == link, turned, turned.link == k)
+
+
+def test_geometry_of_some_paths_is_that_of_all(device: str) -> None:
+    """Every third path, taken from all, has to the bit what its interactions alone give."""
+    arrays, config = street(2), EVERYTHING.model_copy(update={"finite_surfaces": True})
+    scene = loaded(arrays, device, [0, 1])
+    table = make_surface_table(scene, **config.surface_options)
+    trace = trace_links(scene, make_links(arrays, [0, 1], config), config, table)
+    taken = trace.take(np.arange(1, len(trace.found), 3))
+    geometry, own = found_geometry(trace.search, taken.found)
+    assert len(own.wedges.path) and len(own.rough.path)
+    same = taken.interactions
+    for one, other in ((taken.geometry, geometry), (same.wedges, own.wedges), (same.rough, own.rough)):
+        for name in one.__dataclass_fields__:
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    for name in ("material_id", "wedge_material", "wedge_width"):
+        np.testing.assert_array_equal(getattr(same, name), getattr(own, name), err_msg=name)
 
 
 @BOTH
