@@ -34,6 +34,7 @@ from mmw.kernels.channel.finite_surfaces import (
     coordinates,
     nearest_share,
 )
+from mmw.kernels.channel.selected_pairs import select_pair
 from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, to_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
@@ -235,14 +236,16 @@ def cull_curved_kernel(
     facets: CurvedFacets,
     first_link: int,
     # out
-    is_candidate_out: wp.array2d[wp.uint8],
+    count_out: wp.array[int],
+    pair_out: wp.array2d[int],
 ):
     """Select the (link, facet) pairs with a point of reflection. Launch: dim=(L, F)."""
     row, facet = wp.tid()
     link = first_link + row
     carrier = surfaces.carrier[facets.surface[facet]]
     found = curved_point(surfaces, facets, facets.corner[facet], ends.tx[link, carrier], ends.rx[link, carrier])
-    is_candidate_out[row, facet] = wp.where(found.is_found, wp.uint8(1), wp.uint8(0))
+    if found.is_found:
+        select_pair(row, facet, count_out, pair_out)
 
 
 @wp.kernel

@@ -21,6 +21,7 @@ from mmw.kernels.channel.reflection_candidates import (
     points_in_boxes,
     write_planes,
 )
+from mmw.kernels.channel.selected_pairs import select_pair
 from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
@@ -181,14 +182,13 @@ def near_edges_kernel(
     detour_m: wp.float64,
     # out
     count_out: wp.array[int],
-    found_out: wp.array2d[int],
+    pair_out: wp.array2d[int],
 ):
     """Find the wedges past which a reflected path goes closely, before its plane or (`is_behind`) behind it.
 
     A pair of `link` and `plane` is a reflection; a path around a wedge next to it is at most `detour_m` longer. Wedges
     that have less than a share `weakest` of their wave at the shortest wavelength are left out.
-    `found_out` gets the pair and the place in `wedge` of each, in any order; `count_out` counts them all, also those
-    that have no room. Launch: dim=(N, W).
+    What is selected is the pair and the place in `wedge`. Launch: dim=(N, W).
     """
     pair, index = wp.tid()
     own = link[pair]
@@ -227,10 +227,7 @@ def near_edges_kernel(
         return
     on_plane = mirror_point(mirror, point, other)
     if in_plane_box(surfaces, pose, batch_index, plane[pair], on_plane):
-        row = wp.atomic_add(count_out, 0, 1)
-        if row < found_out.shape[0]:
-            found_out[row, 0] = pair
-            found_out[row, 1] = index
+        select_pair(pair, index, count_out, pair_out)
 
 
 @wp.func

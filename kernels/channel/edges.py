@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from mmw.kernels.channel.selected_pairs import select_pair
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 
 wp.set_module_options(DOUBLE_PRECISION)
@@ -137,7 +138,8 @@ def cull_wedges_kernel(
     shortest_m: wp.float64,
     weakest: wp.float64,
     # out
-    is_candidate_out: wp.array2d[wp.uint8],
+    count_out: wp.array[int],
+    pair_out: wp.array2d[int],
 ):
     """Select the (link, wedge) pairs whose point of diffraction is on the edge, with both ends outside the wedge.
 
@@ -153,4 +155,5 @@ def cull_wedges_kernel(
         if is_diffracted and shortest_m > wp.float64(0.0):
             point = wp.vec3d(found[0], found[1], found[2])
             is_diffracted = most_edge_share(wedges.reach[wedge], shortest_m, point, tx[link], rx[link]) >= weakest
-    is_candidate_out[link, wedge] = wp.where(is_diffracted, wp.uint8(1), wp.uint8(0))
+    if is_diffracted:
+        select_pair(link, wedge, count_out, pair_out)

@@ -20,6 +20,7 @@ Wolf diffraction wave, Progress in Optics 4 (1965) (integral along the edge).
 import warp as wp
 
 from mmw.kernels.channel.edge_integral import HALF_PI, Quadrature, edge_part, times, turn
+from mmw.kernels.channel.selected_pairs import select_pair
 from mmw.kernels.channel.surfaces import EDGE_MARGIN, LinkEnds, Plane, Surfaces, to_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
@@ -279,7 +280,8 @@ def cull_finite_kernel(
     first_source: int,
     is_hit: wp.array2d[wp.uint8],
     # out
-    is_candidate_out: wp.array2d[wp.uint8],
+    count_out: wp.array[int],
+    pair_out: wp.array2d[int],
 ):
     """Select the (link, plane) pairs that may reflect, on the plane's surfaces or beside them.
 
@@ -287,7 +289,6 @@ def cull_finite_kernel(
     """
     row, plane = wp.tid()
     link = first_link + row
-    is_candidate_out[row, plane] = wp.uint8(0)
     is_seen = is_hit.shape[0] == 0
     if not is_seen:  # a kernel looks at both sides of `or`
         is_seen = is_hit[ends.source[link] - first_source, plane] != wp.uint8(0)
@@ -320,7 +321,7 @@ def cull_finite_kernel(
     )
     share = edge_share(coarsest * distance, coarsest * outlines.width[outline])
     if share > wp.float64(0.0) and most >= outlines.weakest:
-        is_candidate_out[row, plane] = wp.uint8(1)
+        select_pair(row, plane, count_out, pair_out)
 
 
 @wp.kernel

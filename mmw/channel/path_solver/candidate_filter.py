@@ -5,7 +5,14 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.candidate_output import Candidates, count_then_write, prefix_sum, write_candidates
+from mmw.channel.path_solver.candidate_output import (
+    PAIRS_AT_ONCE,
+    Candidates,
+    count_then_write,
+    prefix_sum,
+    selected_pairs,
+    write_candidates,
+)
 from mmw.channel.path_solver.candidates import launches
 from mmw.channel.path_solver.link_blocks import block_candidates, block_reflections, make_link_blocks
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
@@ -89,14 +96,12 @@ def _finite_reflections(
     search: Search, links: SortedLinks, sources: Sources, first_source: int, is_hit: wp.array
 ) -> Iterator[Candidates]:
     """Yield the candidates of one reflection at planes of finite extent."""
-    device, planes = search.scene.device, search.table.plane_count
-    end, at_once = int(sources.first_link[-1]), max(1, 2**26 // max(planes, 1))
+    planes = search.table.plane_count
+    end, at_once = int(sources.first_link[-1]), max(1, PAIRS_AT_ONCE // max(planes, 1))
     for begin in range(int(sources.first_link[0]), end, at_once):
         shape = min(at_once, end - begin), planes
-        is_candidate = wp.empty(shape, dtype=wp.uint8, device=device)
         inputs = [links.ends, search.table.device, search.outlines, begin, first_source, is_hit]
-        wp.launch(cull_finite_kernel, dim=shape, inputs=inputs, outputs=[is_candidate], device=device)
-        link, plane = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), max(planes, 1))
+        link, plane = selected_pairs(search, cull_finite_kernel, inputs, shape)
         step = np.full((len(link), max(1, search.config.max_depth)), -1, dtype=np.int32)
         step[:, 0] = plane
         yield (begin + link).astype(np.int32), step, True

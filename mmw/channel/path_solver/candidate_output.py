@@ -1,4 +1,7 @@
-"""Read path candidates of links from kernels: some count first and then write, others fill what was counted."""
+"""Read path candidates of links from kernels: some count first and then write, others fill what was counted.
+
+Of all pairs of a link and something else, kernels list those that they select.
+"""
 
 from collections.abc import Iterator, Sequence
 
@@ -11,6 +14,35 @@ from mmw.core.transfer import to_host
 Candidates = tuple[np.ndarray, np.ndarray, bool]
 """Links, shape [C]; interactions from transmitter to receiver, shape [C, D], int32: a surface or a plane, -2 - wedge,
 or -1 behind the end; and whether it is planes."""
+
+PAIRS_AT_ONCE = 2**28
+"""Pairs that are tested in one launch: lists of those that are selected, a few of a hundred, fit into memory."""
+
+FIRST_PAIRS = 2**18
+"""Pairs that a launch has room for, until one selects more."""
+
+
+def selected_pairs(search: Search, kernel: wp.Kernel, inputs: list, dim: Sequence) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pairs that a kernel selects, sorted, shape [N] each.
+
+    Args:
+        search: Device, and lengths of lists that were enough so far.
+        kernel: Its outputs are those of `mmw.kernels.channel.selected_pairs.select_pair`.
+        inputs: Its inputs.
+        dim: Launch size.
+    """
+    device, sizes = search.scene.device, search.table.sizes
+    while True:
+        room = sizes.get(kernel.key, FIRST_PAIRS)
+        count, pair = wp.zeros(1, dtype=wp.int32, device=device), wp.empty((room, 2), dtype=wp.int32, device=device)
+        wp.launch(kernel, dim=dim, inputs=inputs, outputs=[count, pair], device=device)
+        size = int(count.numpy()[0])
+        if size <= room:
+            break
+        sizes[kernel.key] = 2 * size
+    row, column = pair[:size].numpy().T if size else np.zeros((2, 0), dtype=np.int32)
+    order = np.lexsort((column, row))  # threads write in any order
+    return row[order], column[order]
 
 
 def count_then_write(

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 import numpy as np
-import warp as wp
 
+from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pairs
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
@@ -18,14 +18,12 @@ ONE_POINT_M = 0.25
 
 def curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """Yield links, steps and facets of reflections at curved surfaces: each facet with a point for each link."""
-    links, count, device = search.links, len(curved.surface), search.scene.device
-    at_once = max(1, 2**26 // max(count, 1))
+    links, count = search.links, len(curved.surface)
+    at_once = max(1, PAIRS_AT_ONCE // max(count, 1))
     for begin in range(0, len(links) if count else 0, at_once):
         shape = min(at_once, len(links) - begin), count
-        is_candidate = wp.empty(shape, dtype=wp.uint8, device=device)
         inputs = [search.forward.ends, search.table.device, curved.device, begin]
-        wp.launch(cull_curved_kernel, dim=shape, inputs=inputs, outputs=[is_candidate], device=device)
-        link, facet = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), count)
+        link, facet = selected_pairs(search, cull_curved_kernel, inputs, shape)
         step = np.full((len(link), search.config.max_depth), -1, dtype=np.int32)
         step[:, 0] = curved.surface[facet]
         yield (link + begin).astype(np.int32), step, facet

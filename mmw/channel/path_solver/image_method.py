@@ -7,6 +7,7 @@ import warp as wp
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
+from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pairs
 from mmw.channel.path_solver.curved_candidates import curved_candidates, separate_points
 from mmw.channel.path_solver.near_edges import near_edge_candidates
 from mmw.channel.path_solver.scatter_paths import diffuse_paths
@@ -165,26 +166,18 @@ def _ends(search: Search, found: TracedPaths) -> tuple[np.ndarray, np.ndarray]:
 def _wedge_candidates(search: Search) -> Iterator[Candidates]:
     """Yield the candidates of one diffraction and nothing else: every wedge for every link."""
     links, wedges, device = search.links, search.table.wedges, search.scene.device
-    at_once = max(1, 2**26 // len(wedges))
+    at_once = max(1, PAIRS_AT_ONCE // len(wedges))
     for begin in range(0, len(links), at_once):
         rows = search.forward.order[begin : begin + at_once]
-        is_candidate = wp.empty((len(rows), len(wedges)), dtype=wp.uint8, device=device)
-        wp.launch(
-            cull_wedges_kernel,
-            dim=is_candidate.shape,
-            inputs=[
-                wp.array(links.batch_index[rows], dtype=wp.int32, device=device),
-                wp.array(links.tx.position[rows], dtype=wp.vec3d, device=device),
-                wp.array(links.rx.position[rows], dtype=wp.vec3d, device=device),
-                wedges.device,
-                search.pose,
-                search.outlines.shortest_m,
-                WEAKEST_SHARE,
-            ],
-            outputs=[is_candidate],
-            device=device,
-        )
-        link, wedge = np.divmod(np.flatnonzero(is_candidate.numpy().view(np.bool_)), len(wedges))
+        inputs = [
+            wp.array(links.batch_index[rows], dtype=wp.int32, device=device),
+            *(wp.array(end.position[rows], dtype=wp.vec3d, device=device) for end in (links.tx, links.rx)),
+            wedges.device,
+            search.pose,
+            search.outlines.shortest_m,
+            WEAKEST_SHARE,
+        ]
+        link, wedge = selected_pairs(search, cull_wedges_kernel, inputs, (len(rows), len(wedges)))
         step = np.full((len(link), max(1, search.config.max_depth)), -1, dtype=np.int32)
         step[:, 0] = -2 - wedge
         yield (link + begin).astype(np.int32), step, False

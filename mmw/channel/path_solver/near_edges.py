@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.candidate_output import Candidates
+from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, selected_pairs
 from mmw.channel.path_solver.search import Search
 from mmw.kernels.channel.diffraction_candidates import near_edges_kernel, near_mirrors_kernel
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
@@ -21,12 +21,6 @@ edge at v makes a path longer by v^2 / 4 wavelengths. Design value."""
 
 LONG_EDGE_M = 0.5
 """Lines of edges shorter than this diffract little, and are left to the rays [m]. Design value."""
-
-PAIRS_AT_ONCE = 2**30
-"""Reflections times edges that are tested in one launch."""
-
-FIRST_ROOM = 2**18
-"""Candidates that a launch has room for, until one finds more."""
 
 
 def near_edge_candidates(search: Search, link: np.ndarray, plane: np.ndarray) -> Iterator[Candidates]:
@@ -49,7 +43,6 @@ def near_edge_candidates(search: Search, link: np.ndarray, plane: np.ndarray) ->
     if not len(link) or not len(long):
         return
     rows = wp.array(long, dtype=wp.int32, device=device)
-    room = FIRST_ROOM
     at_once = max(1, PAIRS_AT_ONCE // len(long))
     for begin in range(0, len(link), at_once):
         own, mirror = link[begin : begin + at_once], plane[begin : begin + at_once]
@@ -57,20 +50,8 @@ def near_edge_candidates(search: Search, link: np.ndarray, plane: np.ndarray) ->
         for is_behind in (False, True):
             inputs = [search.forward.ends, table.device, wedges.device, search.pose, *pairs, rows, is_behind]
             inputs += [outlines.shortest_m, WEAKEST_SHARE, 0.25 * NEAR_ZONE**2 * outlines.longest_m]
-            while True:
-                count = wp.zeros(1, dtype=wp.int32, device=device)
-                found = wp.empty((room, 2), dtype=wp.int32, device=device)
-                wp.launch(
-                    near_edges_kernel, dim=(len(own), len(long)), inputs=inputs, outputs=[count, found], device=device
-                )
-                size = int(count.numpy()[0])
-                if size <= room:
-                    break
-                room = 2 * size
-            row, index = found.numpy()[:size].T
-            order = np.lexsort((index, row))  # threads write in any order
-            row, index = row[order], index[order]
-            step = np.full((size, search.config.max_depth), -1, dtype=np.int32)
+            row, index = selected_pairs(search, near_edges_kernel, inputs, (len(own), len(long)))
+            step = np.full((len(row), search.config.max_depth), -1, dtype=np.int32)
             step[:, 1 if is_behind else 0] = -2 - long[index]
             step[:, 0 if is_behind else 1] = mirror[row]
             yield own[row], step, True
