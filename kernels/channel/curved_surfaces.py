@@ -23,19 +23,9 @@ and their derivatives on triangle meshes, 3DPVT 2004 (curvature of facets, and i
 
 import warp as wp
 
-from mmw.kernels.channel.edge_integral import HALF_PI, edge_part
-from mmw.kernels.channel.finite_surfaces import (
-    FAR_EDGE,
-    NEAR_EDGE,
-    ON_EDGE,
-    TWO_PI_64,
-    FresnelFrame,
-    Outlines,
-    coordinates,
-    nearest_share,
-)
+from mmw.kernels.channel.finite_surfaces import FAR_EDGE, INSET_M, FresnelFrame, coordinates, nearest_share
 from mmw.kernels.channel.selected_pairs import select_pair
-from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, to_carrier
+from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, from_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
@@ -49,10 +39,9 @@ CONE_SLACK = wp.constant(wp.float64(0.02))
 """Angle that is added to the cone of a facet's normals in a first test [rad]."""
 HALF = wp.constant(wp.float64(0.5))
 """Share of the way to the planes of a facet's corners at which the surface lies: exact for a circle to second order."""
-TURNED_AWAY = wp.constant(wp.float64(0.2))
-"""Edges at facets whose normals have a smaller cosine with that at the point of reflection are behind the surface."""
-FACING = wp.constant(wp.float64(0.6))
-"""From this cosine on an edge counts in full. Design values, like the one before."""
+EDGE_WAVE = wp.constant(wp.float64(0.3))
+"""Times 1 / d, more than the field at d Fresnel coordinates beyond a straight edge: 1 / (pi sqrt(2) d) of an edge wave,
+and a corner of two."""
 
 
 @wp.struct
@@ -61,12 +50,18 @@ class CurvedFacets:
 
     surface: wp.array[int]
     """Surface of each facet, growing, shape [F]."""
-    corner: wp.array[int]
-    """First corner of each facet among those of `Surfaces`, shape [F]."""
+    shape: wp.array[int]
+    """Shape of each facet, which the instances of a model share, shape [F]."""
+    corner: wp.array[wp.vec3d]
+    """Corners of the shapes [m], shape [3 S]."""
     normal: wp.array[wp.vec3d]
-    """Outward unit normal at each corner of `Surfaces`, 0 where it is not on a curved surface, shape [3 T]."""
+    """Outward unit normal at each corner, shape [3 S]."""
     curvature: wp.array[wp.mat33d]
-    """Curvature at each corner, a symmetric matrix over the plane across its normal [1/m], shape [3 T]."""
+    """Curvature at each corner, a symmetric matrix over the plane across its normal [1/m], shape [3 S]."""
+    outside: wp.array[wp.vec3d]
+    """1 for each corner of a shape beyond an outline, 0 for others, shape [S]."""
+    edge: wp.array[int]
+    """Edge of the outline that a shape extends, -1 for a facet of the mesh, shape [S]."""
     group: wp.array[int]
     """Curved surface that the geometry row of each surface belongs to, -1 for none, shape [R]."""
     first: wp.array[int]
@@ -77,6 +72,12 @@ class CurvedFacets:
     """End of each edge [m], shape [E]."""
     facing: wp.array[wp.vec3d]
     """Outward unit normal of the facet at each edge, shape [E]."""
+    begin_normal: wp.array[wp.vec3d]
+    """Outward unit normal of the curved surface at the begin of each edge, shape [E]."""
+    end_normal: wp.array[wp.vec3d]
+    """The same at the end, shape [E]."""
+    weakest: wp.float64
+    """Reflections beyond an outline with a smaller share of the field of a flat mirror are left out."""
 
 
 @wp.struct
@@ -88,10 +89,14 @@ class CurvedPoint:
     normal: wp.vec3d
     along: wp.vec3d
     """Unit vector along the first edge of the facet."""
-    corner: int
-    """First corner of the facet."""
+    shape: int
     share: wp.vec3d
     """Barycentric coordinates of the point."""
+    touched: wp.vec3d
+    """Point of the surface that a path touches: the same, or next to it on the outline if that is beyond."""
+    touched_normal: wp.vec3d
+    most: wp.float64
+    """About the largest share of the field of a flat mirror that the surface reflects there."""
 
 
 @wp.func
@@ -124,14 +129,13 @@ def nearest_on_facet(point: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> 
 
 
 @wp.func
-def curved_point(
-    surfaces: Surfaces, facets: CurvedFacets, corner: int, tx: wp.vec3d, rx: wp.vec3d
-) -> CurvedPoint:  # fmt: skip
-    """Return the point of a facet, by its first corner, that reflects from `tx` to `rx`, in the carrier's frame."""
+def point_on_shape(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d) -> CurvedPoint:
+    """Return the point of a shape that reflects from `tx` to `rx`, in the carrier's frame."""
     out = CurvedPoint()
-    a = surfaces.corner[corner]
-    ab = surfaces.corner[corner + 1] - a
-    ac = surfaces.corner[corner + 2] - a
+    corner = 3 * shape
+    a = facets.corner[corner]
+    ab = facets.corner[corner + 1] - a
+    ac = facets.corner[corner + 2] - a
     na = facets.normal[corner]
     nb = facets.normal[corner + 1]
     nc = facets.normal[corner + 2]
@@ -215,63 +219,21 @@ def curved_point(
     n = wp.normalize(n)
     if not wp.min(wp.dot(n, tx - p), wp.dot(n, rx - p)) > wp.float64(0.0):
         return out
+    is_face = facets.edge[shape] < 0
     bulge = HALF * (
         share_a * off_plane(p, a, na) + share_b * off_plane(p, a + ab, nb) + share_c * off_plane(p, a + ac, nc)
     )
-    if wp.dot(bulge, up) > wp.float64(0.0):  # a hollow stays behind its facet, which would hide it
+    if is_face and wp.dot(bulge, up) > wp.float64(0.0):  # a hollow stays behind its facet, which would hide it
         p = p + bulge
     out.is_found = True
     out.point = p
     out.normal = n
     out.along = e1
-    out.corner = corner
+    out.shape = shape
     out.share = wp.vec3d(share_a, share_b, share_c)
+    out.touched = p
+    out.touched_normal = n
     return out
-
-
-@wp.kernel
-def cull_curved_kernel(
-    ends: LinkEnds,
-    surfaces: Surfaces,
-    facets: CurvedFacets,
-    first_link: int,
-    # out
-    count_out: wp.array[int],
-    pair_out: wp.array2d[int],
-):
-    """Select the (link, facet) pairs with a point of reflection. Launch: dim=(L, F)."""
-    row, facet = wp.tid()
-    link = first_link + row
-    carrier = surfaces.carrier[facets.surface[facet]]
-    found = curved_point(surfaces, facets, facets.corner[facet], ends.tx[link, carrier], ends.rx[link, carrier])
-    if found.is_found:
-        select_pair(row, facet, count_out, pair_out)
-
-
-@wp.kernel
-def curved_points_kernel(
-    ends: LinkEnds,
-    surfaces: Surfaces,
-    facets: CurvedFacets,
-    pose: wp.array2d[wp.transformd],
-    link: wp.array[int],
-    facet: wp.array[int],
-    # out
-    point_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
-):
-    """Write point and normal of each reflection in the world frame [m], in column 0. Launch: dim=C."""
-    row = wp.tid()
-    own = link[row]
-    carrier = surfaces.carrier[facets.surface[facet[row]]]
-    found = curved_point(surfaces, facets, facets.corner[facet[row]], ends.tx[own, carrier], ends.rx[own, carrier])
-    point = found.point
-    normal = found.normal
-    if carrier < pose.shape[1]:
-        point = wp.transform_point(pose[ends.batch_index[own], carrier], point)
-        normal = wp.transform_vector(pose[ends.batch_index[own], carrier], normal)
-    point_out[row, 0] = point
-    normal_out[row, 0] = normal
 
 
 @wp.func
@@ -298,9 +260,10 @@ def curved_frame(
     k12 = wp.float64(0.0)
     k22 = wp.float64(0.0)
     for k in range(3):
-        curvature = facets.curvature[found.corner + k]
-        one = carried(t1, n, facets.normal[found.corner + k])
-        two = carried(t2, n, facets.normal[found.corner + k])
+        corner = 3 * found.shape + k
+        curvature = facets.curvature[corner]
+        one = carried(t1, n, facets.normal[corner])
+        two = carried(t2, n, facets.normal[corner])
         k11 = k11 + found.share[k] * wp.dot(one, curvature * one)
         k12 = k12 + found.share[k] * wp.dot(one, curvature * two)
         k22 = k22 + found.share[k] * wp.dot(two, curvature * two)
@@ -320,70 +283,104 @@ def curved_frame(
 
 
 @wp.func
-def smooth_step(value: wp.float64, low: wp.float64, high: wp.float64) -> wp.float64:
-    """Return 0 below `low`, 1 above `high`, and smoothly in between."""
-    t = wp.clamp((value - low) / (high - low), wp.float64(0.0), wp.float64(1.0))
-    return t * t * (wp.float64(3.0) - wp.float64(2.0) * t)
+def divergence(
+    found: CurvedPoint, frame: FresnelFrame, tx: wp.vec3d, rx: wp.vec3d, wavelength: wp.float64
+) -> wp.float64:
+    """Return the share of a flat mirror's field that an endless curved surface reflects."""
+    before = wp.length(tx - found.point)
+    behind = wp.length(rx - found.point)
+    cosine = wp.abs(wp.dot(found.normal, tx - found.point)) / before
+    mirror = wp.float64(2.0) * cosine * (wp.float64(1.0) / before + wp.float64(1.0) / behind) / wavelength
+    return mirror / wp.length(wp.cross(frame.u, frame.v))
+
+
+@wp.func
+def curved_point(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d, longest_m: wp.float64) -> CurvedPoint:
+    """Return the point of a facet that reflects from `tx` to `rx`, and where the path touches, in the carrier's frame.
+
+    A point beyond the outline counts within `FAR_EDGE` Fresnel coordinates at the longest wavelength, and where the
+    surface reflects `facets.weakest` of the field of a flat mirror or more. It is touched at the edge that it lies
+    beyond.
+    """
+    out = point_on_shape(facets, shape, tx, rx)
+    if not out.is_found:
+        return out
+    frame = curved_frame(facets, out, tx, rx, longest_m)
+    out.most = divergence(out, frame, tx, rx, longest_m)
+    edge = facets.edge[shape]
+    if edge < 0:
+        return out
+    begin = facets.begin[edge]
+    end = facets.end[edge]
+    p = coordinates(frame, begin)
+    q = coordinates(frame, end)
+    share = nearest_share(p, q)
+    distance = wp.length(p + share * (q - p))
+    out.most = out.most * wp.min(HALF, EDGE_WAVE / wp.max(distance, wp.float64(1e-9)))
+    is_near = distance < FAR_EDGE and out.most >= facets.weakest
+    length = wp.length(end - begin)
+    inset = wp.min(INSET_M, wp.float64(0.25) * length)
+    at = wp.clamp(share, inset / length, wp.float64(1.0) - inset / length)
+    along = (end - begin) / length
+    point = begin + at * (end - begin)
+    one = facets.begin_normal[edge]
+    two = facets.end_normal[edge]
+    bulge = HALF * ((wp.float64(1.0) - at) * off_plane(point, begin, one) + at * off_plane(point, end, two))
+    if wp.dot(bulge, facets.facing[edge]) > wp.float64(0.0):
+        point = point + bulge
+    out.touched = point + inset * wp.cross(facets.facing[edge], along)
+    out.touched_normal = wp.normalize((wp.float64(1.0) - at) * one + at * two)
+    is_front = wp.min(wp.dot(out.touched_normal, tx - point), wp.dot(out.touched_normal, rx - point)) > wp.float64(0.0)
+    out.is_found = is_near and is_front
+    return out
 
 
 @wp.kernel
-def curved_share_kernel(
+def cull_curved_kernel(
+    ends: LinkEnds,
     surfaces: Surfaces,
     facets: CurvedFacets,
-    outlines: Outlines,
-    pose: wp.array2d[wp.transformd],
-    wavelength: wp.array[wp.float64],
-    batch_index: wp.array[int],
-    facet: wp.array[int],
-    tx: wp.array[wp.vec3d],
-    rx: wp.array[wp.vec3d],
+    first_link: int,
+    longest_m: wp.float64,
     # out
-    share_out: wp.array2d[wp.vec2d],
+    count_out: wp.array[int],
+    pair_out: wp.array2d[int],
 ):
-    """Compute the share of a flat mirror's field that each curved reflection has at each carrier: D and the integral.
+    """Select the (link, facet) pairs with a point of reflection. Launch: dim=(L, F)."""
+    row, facet = wp.tid()
+    link = first_link + row
+    carrier = surfaces.carrier[facets.surface[facet]]
+    found = curved_point(facets, facets.shape[facet], ends.tx[link, carrier], ends.rx[link, carrier], longest_m)
+    if found.is_found:
+        select_pair(row, facet, count_out, pair_out)
 
-    `facet` is the first one of the reflecting surface; `tx` and `rx` are the points before and behind it in the world
-    frame. Launch: dim=(Q, C).
+
+@wp.kernel
+def curved_points_kernel(
+    ends: LinkEnds,
+    surfaces: Surfaces,
+    facets: CurvedFacets,
+    pose: wp.array2d[wp.transformd],
+    link: wp.array[int],
+    facet: wp.array[int],
+    longest_m: wp.float64,
+    # out
+    touched_out: wp.array2d[wp.vec3d],
+    normal_out: wp.array2d[wp.vec3d],
+    point_out: wp.array[wp.vec3d],
+    most_out: wp.array[wp.float64],
+):
+    """Write where each path touches its surface, with the normal, in column 0, the point of reflection itself, which
+    may lie beyond, all in the world frame [m], and about its share of the field. Launch: dim=C.
     """
-    hit, column = wp.tid()
-    surface = facets.surface[facet[hit]]
-    carrier = surfaces.carrier[surface]
-    from_tx = to_carrier(tx[hit], pose, batch_index[hit], carrier)
-    to_rx = to_carrier(rx[hit], pose, batch_index[hit], carrier)
-    found = CurvedPoint()
-    index = facet[hit]
-    while index < facets.surface.shape[0] and not found.is_found:
-        if facets.surface[index] != surface:
-            index = facets.surface.shape[0]
-        else:
-            found = curved_point(surfaces, facets, facets.corner[index], from_tx, to_rx)
-            index = index + 1
-    share_out[hit, column] = wp.vec2d()
-    if not found.is_found:
-        return
-    frame = curved_frame(facets, found, from_tx, to_rx, wavelength[column])
-    before = wp.length(from_tx - found.point)
-    behind = wp.length(to_rx - found.point)
-    cosine = wp.abs(wp.dot(found.normal, from_tx - found.point)) / before
-    mirror = wp.float64(2.0) * cosine * (wp.float64(1.0) / before + wp.float64(1.0) / behind) / wavelength[column]
-    divergence = mirror / wp.length(wp.cross(frame.u, frame.v))
-    total = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
-    group = facets.group[surfaces.row[surface]]
-    for edge in range(facets.first[group], facets.first[group + 1]):
-        facing = smooth_step(wp.dot(facets.facing[edge], found.normal), TURNED_AWAY, FACING)
-        if facing > wp.float64(0.0):
-            p = coordinates(frame, facets.begin[edge])
-            q = coordinates(frame, facets.end[edge])
-            along = q - p
-            length = wp.length(along)
-            nearest = wp.length(p + nearest_share(p, q) * along)
-            weight = facing * (wp.float64(1.0) - smooth_step(nearest, NEAR_EDGE, FAR_EDGE))
-            cross = p[0] * q[1] - p[1] * q[0]
-            if weight > wp.float64(0.0) and length > wp.float64(0.0):
-                distance = wp.max(wp.abs(cross) / length, ON_EDGE)
-                beta = HALF_PI * distance * distance
-                x1 = wp.dot(p, along) / (length * distance)
-                x2 = wp.dot(q, along) / (length * distance)
-                wave = edge_part(outlines.rule, beta, x2) - edge_part(outlines.rule, beta, x1)
-                total = total - (weight * wp.sign(cross) / TWO_PI_64) * wave
-    share_out[hit, column] = divergence * total
+    row = wp.tid()
+    own = link[row]
+    carrier = surfaces.carrier[facets.surface[facet[row]]]
+    found = curved_point(facets, facets.shape[facet[row]], ends.tx[own, carrier], ends.rx[own, carrier], longest_m)
+    touched_out[row, 0] = from_carrier(found.touched, pose, ends.batch_index[own], carrier)
+    most_out[row] = found.most
+    point_out[row] = from_carrier(found.point, pose, ends.batch_index[own], carrier)
+    normal = found.touched_normal
+    if carrier < pose.shape[1]:
+        normal = wp.transform_vector(pose[ends.batch_index[own], carrier], normal)
+    normal_out[row, 0] = normal

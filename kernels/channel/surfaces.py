@@ -137,6 +137,15 @@ def to_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], batch_index: in
 
 
 @wp.func
+def from_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], batch_index: int, carrier: int) -> wp.vec3d:
+    """Return a point in the frame of what carries a surface in the world frame."""
+    world = point
+    if carrier < pose.shape[1]:
+        world = wp.transform_point(pose[batch_index, carrier], point)
+    return world
+
+
+@wp.func
 def in_box(low: wp.vec3d, high: wp.vec3d, point: wp.vec3d) -> bool:
     """Return whether a point lies in a box, or very near it."""
     slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))

@@ -3,17 +3,21 @@
 from collections.abc import Iterator
 
 import numpy as np
+import warp as wp
 
 from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pairs
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.kernels.channel.curved_surfaces import cull_curved_kernel
-from mmw.physics.em.interaction import SPECULAR
+from mmw.kernels.channel.curved_surfaces import cull_curved_kernel, curved_points_kernel
 from mmw.physics.em.vectors import norm
 
 ONE_POINT_M = 0.25
 """Reflections at one curved surface closer than this are one [m]: a few facets. Design value."""
+
+ONE_RIM_M = 1.0
+"""Reflections beyond the outline of one curved surface closer than this are one [m]: those of opposite edges of a gap
+disagree about what would be there. Design value."""
 
 
 def curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -22,23 +26,30 @@ def curved_candidates(search: Search, curved: CurvedTable) -> Iterator[tuple[np.
     at_once = max(1, PAIRS_AT_ONCE // max(count, 1))
     for begin in range(0, len(links) if count else 0, at_once):
         shape = min(at_once, len(links) - begin), count
-        inputs = [search.forward.ends, search.table.device, curved.device, begin]
+        inputs = [search.forward.ends, search.table.device, curved.device, begin, search.outlines.longest_m]
         link, facet = selected_pairs(search, cull_curved_kernel, inputs, shape)
         step = np.full((len(link), search.config.max_depth), -1, dtype=np.int32)
         step[:, 0] = curved.surface[facet]
         yield (link + begin).astype(np.int32), step, facet
 
 
-def separate_points(found: TracedPaths, length: np.ndarray, curved: CurvedTable) -> np.ndarray:
-    """Return the rows of reflections at curved surfaces without those near a shorter one on the same surface.
+def separate_points(
+    found: TracedPaths, facet: np.ndarray, point: np.ndarray, strength: np.ndarray, curved: CurvedTable
+) -> np.ndarray:
+    """Return the rows of reflections at curved surfaces without those near a stronger one on the same surface.
 
-    The reflection at a convex surface is the shortest way over it. Normals of a mesh are not those of a convex surface
-    everywhere, and give further points next to that.
+    A convex surface reflects at one point. Normals of a mesh are not those of a convex surface everywhere, and give
+    further points next to that; several edges may reach the same point beyond an outline.
+
+    Args:
+        found: The paths.
+        facet: Facet that reflects each, shape [P].
+        point: Point of reflection of each [m], shape [P, 3].
+        strength: About the share of the field that each reflects, over its length [1/m], shape [P].
+        curved: The curved surfaces.
     """
-    step = np.argmax(found.kind == SPECULAR, axis=1)
-    every = np.arange(len(found))
-    wall, point = curved.largest[found.surface[every, step]], found.vertex[every, step]
-    order = np.lexsort((length, wall, found.link))
+    wall, is_beyond = curved.largest[curved.surface[facet]], curved.is_beyond[facet]
+    order = np.lexsort((-strength, wall, found.link))
     keep = np.ones(len(found), dtype=bool)
     ahead = 1
     while ahead < len(order):
@@ -46,7 +57,26 @@ def separate_points(found: TracedPaths, length: np.ndarray, curved: CurvedTable)
         is_same = (found.link[one] == found.link[other]) & (wall[one] == wall[other])
         if not is_same.any():
             break
-        is_near = is_same & (norm(point[one] - point[other]) < ONE_POINT_M)
+        reach = np.where(is_beyond[one] & is_beyond[other], ONE_RIM_M, ONE_POINT_M)
+        is_near = is_same & (norm(point[one] - point[other]) < reach)
         keep[other[is_near]] = False
         ahead += 1
     return np.flatnonzero(keep)
+
+
+def curved_points(search: Search, link: wp.array, facet: wp.array, curved: CurvedTable) -> tuple[wp.array, ...]:
+    """Return where paths touch curved surfaces, with normals, shape [C, 1] each, and the points of reflection and about
+    their shares of the field, [C].
+
+    Args:
+        search: The links.
+        link: Link of each path, in the order of the transmitters, shape [C].
+        facet: Facet of each, shape [C].
+        curved: The curved surfaces.
+    """
+    device, count = search.scene.device, len(facet)
+    out = [wp.empty(shape, dtype=wp.vec3d, device=device) for shape in ((count, 1), (count, 1), count)]
+    out.append(wp.empty(count, dtype=wp.float64, device=device))
+    inputs = [search.forward.ends, search.table.device, curved.device, search.pose, link, facet]
+    wp.launch(curved_points_kernel, dim=count, inputs=[*inputs, search.outlines.longest_m], outputs=out, device=device)
+    return tuple(out)

@@ -11,8 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.curvature import corner_curvatures
+from mmw.channel.path_solver.curved_extension import extend
 from mmw.core.planar_surfaces import components
 from mmw.kernels.channel.curved_surfaces import CurvedFacets
+from mmw.physics.em.finite_surfaces import WEAKEST_CURVED_SHARE
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.mesh_edges import MeshEdges
 
@@ -25,29 +28,41 @@ MAX_SAGITTA_M = 0.04
 WIDE_SAGITTA_M = 0.005
 """The same for facets that are no small ones: a panel with a rounded rim is flat, and its rim is curved [m]."""
 
-SLIVER_SHARE = 1e-3
-"""Faces with a smaller sine between two edges say nothing about curvature."""
-
 MAX_CONCAVE_RAD = np.radians(2.0)
 """Largest bend of a concave edge within a curved surface [rad]: less than meshes of convex bodies are wrong by."""
 
 MAX_RADIUS_M = 10.0
 """Largest radius of what bends between wide facets [m]; streets and hills stay flat pieces. Design value."""
 
+PANEL_BEND_RAD = np.radians(3.0)
+"""Facets that bend by less are one panel where normals are weighted: seams cut panels into narrow strips [rad]. Design
+value."""
+
 SMALL_FACET_M = 0.3
 """Facets narrower than this bend by any radius [m]. Design value."""
 
 
+SHAPE_COLUMNS = ("corner", "normal", "curvature", "outside")
+
+
 @dataclass(frozen=True)
 class CurvedPart:
-    """Curved surfaces of one mesh: Q of them, F faces, S surfaces."""
+    """Curved surfaces of one mesh: Q of them, S flat surfaces, N facets, those beyond outlines behind the others."""
 
     group: np.ndarray
     """Curved surface of each flat surface, -1 for none, shape [S]."""
+    face: np.ndarray
+    """Face of the mesh that each facet is, or that it extends, shape [N]."""
+    corner: np.ndarray
+    """Corners of each facet [m], shape [N, 3, 3]."""
     normal: np.ndarray
-    """Outward unit normal at each corner of each face, 0 for a face of none, shape [F, 3, 3]."""
+    """Outward unit normal at each corner, shape [N, 3, 3]."""
     curvature: np.ndarray
-    """Curvature at each corner, a symmetric matrix over the plane across its normal [1/m], shape [F, 3, 3, 3]."""
+    """Curvature at each corner, a symmetric matrix over the plane across its normal [1/m], shape [N, 3, 3, 3]."""
+    outside: np.ndarray
+    """1 at corners beyond an outline, 0 at others, shape [N, 3]."""
+    edge: np.ndarray
+    """Edge of the outlines that each facet extends, -1 for a face of the mesh, shape [N]."""
     edge_group: np.ndarray
     """Curved surface of each edge of the outlines, growing, shape [E]."""
     begin: np.ndarray
@@ -56,6 +71,8 @@ class CurvedPart:
     """Shape [E, 3], [m]."""
     facing: np.ndarray
     """Outward unit normal of the facet at each edge, shape [E, 3]."""
+    end_normal: np.ndarray
+    """Outward unit normal of the curved surface at both ends of each edge, shape [E, 2, 3]."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +88,9 @@ class CurvedTable:
     first_facet: np.ndarray
     """First facet of each surface, shape [G]; of no meaning where it has none."""
     surface: np.ndarray
-    """Surface of each facet, shape [F]."""
+    """Surface of each facet, with those that extend it behind its own, shape [F]."""
+    is_beyond: np.ndarray
+    """Whether each facet extends its surface beyond the outline, shape [F], bool."""
     device: CurvedFacets
     """The facets for kernels."""
 
@@ -85,133 +104,185 @@ def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> 
         object_id: Object of each face, shape [F]; surfaces do not go on from one object to another.
     """
     count = int(surface.max(initial=-1)) + 1
-    nothing = np.zeros((0, 3))
-    normal, curvature = np.zeros((len(surface), 3, 3)), np.zeros((len(surface), 3, 3, 3))
-    none = CurvedPart(np.full(count, -1), normal, curvature, np.zeros(0, dtype=np.int64), *[nothing] * 3)
     if not len(surface):
-        return none
+        return _no_curved(count)
     doubled = np.cross(mesh.corner[:, 1] - mesh.corner[:, 0], mesh.corner[:, 2] - mesh.corner[:, 0])
     face_area = 0.5 * norm(doubled)
     area = np.bincount(surface, face_area, count)
     whole = np.maximum(area, 1e-300)[:, None]
     center = _sums(surface, mesh.corner.mean(axis=1) * face_area[:, None], count) / whole
-    mean = _sums(surface, mesh.normal * face_area[:, None], count)
-    mean /= np.maximum(norm(mean), 1e-300)[:, None]
-    is_joined = _joins(mesh, surface, object_id, center)
-    one, two = mesh.face[mesh.first[is_joined]], mesh.face[mesh.first[is_joined] + 1]
-    label = components(count, surface[one], surface[two])
+    one, two, bend = _smooth_pairs(mesh, surface, object_id)
+    is_arc = _lies_on_arc(mesh, surface, center, one, two, bend)
+    of_one, of_two = surface[mesh.face[one]], surface[mesh.face[two]]
+    label = components(count, of_one[is_arc], of_two[is_arc])
+    is_panel = bend < PANEL_BEND_RAD
+    panel = components(count, of_one[is_panel], of_two[is_panel])
     is_curved = np.bincount(label, minlength=count)[label] > 1
     if not is_curved.any():
-        return none
+        return _no_curved(count)
     group = np.full(count, -1)
     group[is_curved] = np.unique(label[is_curved], return_inverse=True)[1]
     of_face = np.where(mesh.has_area, group[surface], -1)
     own = np.flatnonzero(of_face >= 0)
     own = own[np.argsort(surface[own], kind="stable")]  # the order in which values are summed
-    normal[own] = _corner_normals(mesh, own, of_face, surface, area, mean)
-    curvature[own] = _corner_curvatures(mesh, own, of_face, normal[own])
+    normal = _corner_normals(mesh, own, of_face, panel[surface], np.bincount(panel, area, count))
     half, edge_group = _outlines(mesh, of_face)
     order = np.argsort(edge_group, kind="stable")
     half, edge_group = half[order], edge_group[order]
-    begin, end = (mesh.points[mesh.vertex[half, k]] for k in (0, 1))
-    facing = mesh.normal[mesh.face[half]]
-    inward = np.cross(facing, end - begin)  # counter-clockwise if the facet lies on this side
-    is_turned = dot(inward, mesh.points[mesh.opposite[half]] - begin) < 0.0
-    begin, end = np.where(is_turned[:, None], end, begin), np.where(is_turned[:, None], begin, end)
-    return CurvedPart(group, normal, curvature, edge_group, begin, end, facing)
+    vertex, facing = mesh.vertex[half], mesh.normal[mesh.face[half]]
+    inward = np.cross(facing, mesh.points[vertex[:, 1]] - mesh.points[vertex[:, 0]])
+    is_turned = dot(inward, mesh.points[mesh.opposite[half]] - mesh.points[vertex[:, 0]]) < 0.0
+    vertex = np.where(is_turned[:, None], vertex[:, ::-1], vertex)  # counter-clockwise if the facet is on this side
+    place = np.empty(len(surface), dtype=np.int64)
+    place[own] = np.arange(len(own))
+    row = place[mesh.face[half]][:, None]
+    at = np.argmax(mesh.welded[own[row]] == vertex[..., None], axis=2)
+    normal = _turned_at_outlines(mesh, own, of_face, normal, half, center[surface[mesh.face[half]]], row[:, 0], at)
+    curvature = corner_curvatures(mesh, own, of_face, normal)
+    ends, end_normal = mesh.points[vertex], normal[row, at]
+    beyond = extend(ends, vertex, edge_group, facing, end_normal, curvature[row, at])
+    return CurvedPart(
+        group=group,
+        face=np.concatenate([own, mesh.face[half][beyond.edge]]),
+        corner=np.concatenate([mesh.corner[own], beyond.corner]),
+        normal=np.concatenate([normal, beyond.normal]),
+        curvature=np.concatenate([curvature, beyond.curvature]),
+        outside=np.concatenate([np.zeros((len(own), 3)), beyond.outside]),
+        edge=np.concatenate([np.full(len(own), -1), beyond.edge]),
+        edge_group=edge_group,
+        begin=ends[:, 0],
+        end=ends[:, 1],
+        facing=facing,
+        end_normal=end_normal,
+    )
+
+
+def _no_curved(count: int) -> CurvedPart:
+    """Return no curved surface of a mesh with a number of flat ones."""
+    rows, points, triples = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3))
+    return CurvedPart(
+        group=np.full(count, -1),
+        face=rows,
+        corner=triples,
+        normal=triples,
+        curvature=np.zeros((0, 3, 3, 3)),
+        outside=points,
+        edge=rows,
+        edge_group=rows,
+        begin=points,
+        end=points,
+        facing=points,
+        end_normal=np.zeros((0, 2, 3)),
+    )
 
 
 def _sums(row: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Return sums of vectors by row, shape [count, 3]."""
-    return np.stack([np.bincount(row, values[:, k], count) for k in range(3)], axis=1)
+    """Return sums of rows of numbers, shape [count, K]."""
+    return np.stack([np.bincount(row, own, count) for own in values.T], axis=1)
 
 
-def _joins(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """Return the edges over which a curved surface goes on, shape [n]."""
-    edge = np.flatnonzero(mesh.size == 2)
-    one, two = mesh.first[edge], mesh.first[edge] + 1
+def _smooth_pairs(
+    mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the half-edges of each edge between flat surfaces of one object that agree about the outside, and its bend
+    [rad], shape [n] each.
+    """
+    one = mesh.first[mesh.size == 2]
+    two = one + 1
     f1, f2 = mesh.face[one], mesh.face[two]
     is_agreed = (mesh.vertex[one, 0] != mesh.vertex[two, 0]) & mesh.has_area[f1] & mesh.has_area[f2]
     is_agreed &= (object_id[f1] == object_id[f2]) & (surface[f1] != surface[f2])
-    edge, one, two, f1, f2 = (values[is_agreed] for values in (edge, one, two, f1, f2))
-    n1, n2 = mesh.normal[f1], mesh.normal[f2]
-    bend = np.arctan2(norm(np.cross(n1, n2)), dot(n1, n2))
+    one, two = one[is_agreed], two[is_agreed]
+    n1, n2 = mesh.normal[mesh.face[one]], mesh.normal[mesh.face[two]]
+    return one, two, np.arctan2(norm(np.cross(n1, n2)), dot(n1, n2))
+
+
+def _lies_on_arc(
+    mesh: MeshEdges, surface: np.ndarray, center: np.ndarray, one: np.ndarray, two: np.ndarray, bend: np.ndarray
+) -> np.ndarray:
+    """Return over which edges, given by their half-edges, a curved surface goes on, shape [n]."""
     begin, end = mesh.points[mesh.vertex[one, 0]], mesh.points[mesh.vertex[one, 1]]
     along = (end - begin) / np.maximum(norm(end - begin), 1e-300)[:, None]
-    width = np.zeros(len(edge))
-    for face in (f1, f2):  # a rectangle's middle is half of its width away
-        arm = center[surface[face]] - begin
+    width = np.zeros(len(one))
+    for half in (one, two):  # a rectangle's middle is half of its width away
+        arm = center[surface[mesh.face[half]]] - begin
         width = np.maximum(width, 2.0 * norm(arm - dot(arm, along)[:, None] * along))
-    is_concave = dot(n1, mesh.points[mesh.opposite[two]] - begin) > 0.0
+    is_concave = dot(mesh.normal[mesh.face[one]], mesh.points[mesh.opposite[two]] - begin) > 0.0
     sagitta = 0.5 * width * np.tan(0.25 * bend)
     is_arc = (bend <= MAX_BEND_RAD) & (sagitta <= np.where(width <= SMALL_FACET_M, MAX_SAGITTA_M, WIDE_SAGITTA_M))
     is_arc &= (width <= SMALL_FACET_M) | (width <= 2.0 * MAX_RADIUS_M * np.sin(0.5 * bend))
-    return edge[is_arc & (~is_concave | (bend <= MAX_CONCAVE_RAD))]
+    return is_arc & (~is_concave | (bend <= MAX_CONCAVE_RAD))
 
 
 def _corner_normals(
-    mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, surface: np.ndarray, area: np.ndarray, mean: np.ndarray
+    mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, panel: np.ndarray, area: np.ndarray
 ) -> np.ndarray:
     """Return the unit normal at the corners of faces of curved surfaces, shape [n, 3, 3].
 
-    It is the mean over the flat pieces that meet there, weighted by their area: where a wide panel meets a narrow
-    rounding, the rounding bends.
+    It is the mean over the panels that meet there, weighted by their whole area: where a wide panel meets a narrow
+    rounding, the rounding bends, also where a seam cuts a narrow strip from the panel. That of a panel is the mean of
+    its faces there, weighted by their angles, which does not depend on how it is cut into triangles.
+
+    Args:
+        mesh: Edges of the mesh.
+        own: The faces, shape [n].
+        of_face: Curved surface of each face of the mesh.
+        panel: Panel of each face of the mesh: faces that bend little from one to the next.
+        area: Area of each panel [m^2].
+
+    Source: G. Thuermer and C. A. Wuethrich, Computing vertex normals from polygonal facets, Journal of Graphics Tools 3
+    (1998) (weights by angle).
     """
-    key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3), np.repeat(surface[own], 3)])
-    piece, inverse = np.unique(key, axis=0, return_inverse=True)
-    meeting, of_piece = np.unique(piece[:, :2], axis=0, return_inverse=True)
-    total = _sums(of_piece.reshape(-1), mean[piece[:, 2]] * area[piece[:, 2]][:, None], len(meeting))
+    corner = mesh.corner[own]
+    to_next, to_last = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
+    angle = np.arctan2(np.linalg.norm(np.cross(to_next, to_last), axis=2), (to_next * to_last).sum(axis=2))
+    key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3), np.repeat(panel[own], 3)])
+    sheet, of_corner = np.unique(key, axis=0, return_inverse=True)
+    normal = _sums(of_corner.reshape(-1), (mesh.normal[own][:, None] * angle[..., None]).reshape(-1, 3), len(sheet))
+    normal /= np.maximum(norm(normal), 1e-300)[:, None]
+    meeting, of_sheet = np.unique(sheet[:, :2], axis=0, return_inverse=True)
+    total = _sums(of_sheet.reshape(-1), normal * area[sheet[:, 2]][:, None], len(meeting))
     total /= np.maximum(norm(total), 1e-300)[:, None]
-    return total[of_piece.reshape(-1)[inverse.reshape(-1)]].reshape(-1, 3, 3)
+    return total[of_sheet.reshape(-1)[of_corner.reshape(-1)]].reshape(-1, 3, 3)
 
 
-def _corner_curvatures(mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the curvature at the corners of faces of curved surfaces [1/m], shape [n, 3, 3, 3].
-
-    The curvature of a face is the change of the normals between its corners over their distances, without hollows; at
-    a corner the mean, weighted by area, of the faces that meet there, each turned to the normal of the corner.
+def _turned_at_outlines(
+    mesh: MeshEdges,
+    own: np.ndarray,
+    of_face: np.ndarray,
+    normal: np.ndarray,
+    half: np.ndarray,
+    center: np.ndarray,
+    row: np.ndarray,
+    at: np.ndarray,
+) -> np.ndarray:
+    """Return the normals at the corners of faces, turned at outlines as far as they turn from the other side of a
+    facet to its middle: the mean over the facets that meet at a corner lacks those beyond, shape [n, 3, 3].
 
     Args:
         mesh: Edges of the mesh.
         own: The faces, shape [n].
         of_face: Curved surface of each face of the mesh.
         normal: Unit normals at their corners, shape [n, 3, 3].
-
-    Source: S. Rusinkiewicz, Estimating curvatures and their derivatives on triangle meshes, 3DPVT 2004.
+        half: Half-edges of the outlines, shape [E].
+        center: Middle of the flat surface at each [m], shape [E, 3].
+        row: Face at each, a row of `own`, shape [E].
+        at: Corner of that face at both ends of each, shape [E, 2].
     """
-    a, b, c = mesh.corner[own].swapaxes(0, 1)
-    x = (b - a) / norm(b - a)[:, None]
-    up = mesh.normal[own]
-    y = np.cross(up, x)
-    run, rise = (
-        np.stack([np.stack([dot(v, x), dot(v, y)], axis=1) for v in pair], axis=2)  # [n, axis, edge]
-        for pair in ((b - a, c - a), (normal[:, 1] - normal[:, 0], normal[:, 2] - normal[:, 0]))
-    )
-    is_wide = np.abs(np.linalg.det(run)) > SLIVER_SHARE * norm(b - a) * norm(c - a)
-    bend = np.where(is_wide[:, None, None], rise @ np.linalg.inv(np.where(is_wide[:, None, None], run, np.eye(2))), 0.0)
-    share, direction = np.linalg.eigh(0.5 * (bend + bend.swapaxes(1, 2)))
-    bend = (direction * np.maximum(share, 0.0)[:, None]) @ direction.swapaxes(1, 2)
-    plane = np.stack([x, y], axis=2)
-    of_faces = plane @ bend @ plane.swapaxes(1, 2)
+    out = mesh.out_of_face(half)
+    begin, far = mesh.points[mesh.vertex[half, 0]], mesh.points[mesh.opposite[half]]
+    turn = -dot(normal[row, 3 - at.sum(axis=1)], out)
+    share = dot(begin - center, out) / np.maximum(dot(center - far, out), 1e-12)
+    turn = np.clip(turn * np.clip(share, 0.0, 1.0), 0.0, np.sin(0.5 * MAX_BEND_RAD))
     key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3)])
-    _, meeting = np.unique(key, axis=0, return_inverse=True)
-    meeting = meeting.reshape(-1)
-    area = np.repeat(0.5 * norm(np.cross(b - a, c - a)), 3)
-    turned = _turned(np.repeat(of_faces, 3, axis=0), np.repeat(up, 3, axis=0), normal.reshape(-1, 3))
-    count = int(meeting.max()) + 1
-    total = np.stack(
-        [np.bincount(meeting, area * turned[:, i, j], count) for i in range(3) for j in range(3)], axis=1
-    ).reshape(-1, 3, 3)
-    total /= np.maximum(np.bincount(meeting, area, count), 1e-300)[:, None, None]
-    return total[meeting].reshape(-1, 3, 3, 3)
-
-
-def _turned(matrix: np.ndarray, normal: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return matrices over the planes across normals, turned with them to other normals the shortest way, [N, 3, 3]."""
-    middle = normal + other
-    turn = np.eye(3) - middle[:, :, None] * middle[:, None] / (1.0 + dot(normal, other))[:, None, None]
-    turn = turn + 2.0 * other[:, :, None] * normal[:, None]
-    return turn @ matrix @ turn.swapaxes(1, 2)
+    meeting, of_corner = np.unique(key, axis=0, return_inverse=True)
+    ends = of_corner.reshape(-1, 3)[row[:, None], at].reshape(-1)
+    out, turn = np.repeat(out, 2, axis=0), np.repeat(turn, 2)
+    across = _sums(ends, (out[:, :, None] * out[:, None]).reshape(-1, 9), len(meeting)).reshape(-1, 3, 3)
+    total = _sums(ends, turn[:, None] * out, len(meeting))
+    turned = np.einsum("vij,vj->vi", np.linalg.pinv(across, rcond=0.1, hermitian=True), total)  # fits all edges best
+    normal = normal + turned[of_corner.reshape(-1)].reshape(-1, 3, 3)
+    return normal / np.linalg.norm(normal, axis=2)[..., None]
 
 
 def _outlines(mesh: MeshEdges, of_face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -246,12 +317,11 @@ def make_curved_table(
     """
     curved = [find_curved(mesh, surface, object_id) for mesh, surface, object_id, _ in parts]
     groups = np.cumsum([0, *(int(part.group.max(initial=-1)) + 1 for part in curved)])
-    count = int(triangle_count.sum())
-    group_of, normal, curvature = np.full(count, -1), np.zeros((count, 3, 3)), np.zeros((count, 3, 3, 3))
+    row_of = np.repeat(np.arange(len(first)), triangle_count)  # of each triangle
+    group, rows = np.full(len(first), -1), []
     for part, (_, surface, _, at), k in zip(curved, parts, groups, strict=False):
-        group_of[at] = np.where(part.group < 0, -1, part.group + k)[surface]
-        normal[at], curvature[at] = part.normal, part.curvature
-    group = group_of[first]
+        group[row_of[at]] = np.where(part.group < 0, -1, part.group + k)[surface]
+        rows.append(row_of[at][part.face])
     edge_group = np.concatenate([part.edge_group + k for part, k in zip(curved, groups, strict=False)])
     is_curved = group[row] >= 0
     order = np.lexsort((-area, group))
@@ -259,23 +329,35 @@ def make_curved_table(
     lead[group[order[::-1]]] = order[::-1]  # the last one written stays
     every = np.arange(len(row))
     largest = np.where(is_curved, every + lead[group[row]] - row, every)  # rows of one carrier follow each other
+    edges = np.cumsum([0, *(len(part.begin) for part in curved)])
+    edge = [np.where(part.edge < 0, -1, part.edge + k) for part, k in zip(curved, edges, strict=False)]
+    shapes = {name: np.concatenate([getattr(part, name) for part in curved]) for name in SHAPE_COLUMNS}
+    of_shape, of_edge = np.concatenate(rows), np.concatenate(edge)
+    order = np.lexsort((of_edge, of_shape))
+    begin_of, end_of = (np.searchsorted(of_shape[order], np.arange(len(first)), side) for side in ("left", "right"))
     facet = np.flatnonzero(is_curved)
-    pieces = triangle_count[row[facet]]
+    pieces = (end_of - begin_of)[row[facet]]
     surface = np.repeat(facet, pieces)
-    triangle = (
-        np.repeat(first[row[facet]], pieces) + np.arange(len(surface)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    )
+    shape = np.repeat(begin_of[row[facet]] - np.cumsum(pieces) + pieces, pieces) + np.arange(len(surface))
     out = CurvedFacets()
     for name, values, dtype in (
         ("surface", surface, wp.int32),
-        ("corner", 3 * triangle, wp.int32),
-        ("normal", normal.reshape(-1, 3), wp.vec3d),
-        ("curvature", curvature.reshape(-1, 3, 3), wp.mat33d),
+        ("shape", shape, wp.int32),
+        ("corner", shapes["corner"][order].reshape(-1, 3), wp.vec3d),
+        ("normal", shapes["normal"][order].reshape(-1, 3), wp.vec3d),
+        ("curvature", shapes["curvature"][order].reshape(-1, 3, 3), wp.mat33d),
+        ("outside", shapes["outside"][order], wp.vec3d),
+        ("edge", of_edge[order], wp.int32),
         ("group", group, wp.int32),
         ("first", np.searchsorted(edge_group, np.arange(groups[-1] + 1)), wp.int32),
         ("begin", np.concatenate([part.begin for part in curved]), wp.vec3d),
         ("end", np.concatenate([part.end for part in curved]), wp.vec3d),
         ("facing", np.concatenate([part.facing for part in curved]), wp.vec3d),
+        ("begin_normal", np.concatenate([part.end_normal[:, 0] for part in curved]), wp.vec3d),
+        ("end_normal", np.concatenate([part.end_normal[:, 1] for part in curved]), wp.vec3d),
     ):
         setattr(out, name, wp.array(values, dtype=dtype, device=device))
-    return CurvedTable(is_curved, group, largest, np.searchsorted(surface, every), surface, out)
+    out.weakest = WEAKEST_CURVED_SHARE
+    return CurvedTable(
+        is_curved, group, largest, np.searchsorted(surface, every), surface, of_edge[order][shape] >= 0, out
+    )

@@ -10,7 +10,7 @@ from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.kernels.channel.curved_surfaces import curved_share_kernel
+from mmw.kernels.channel.curved_shares import curved_share_kernel
 from mmw.kernels.channel.finite_surfaces import share_kernel
 from mmw.physics.em.diffraction import WedgeHits
 from mmw.physics.em.field import PathGeometry
@@ -125,13 +125,14 @@ def _curved_shares(
         return share
     device, links = search.scene.device, search.links
     out = wp.empty((len(path), len(carriers_hz)), dtype=wp.vec2d, device=device)
-    link = found.link[path]
+    link, step = found.link[path], np.argmax(found.kind[path] == SPECULAR, axis=1)
     given = [
         (SPEED_OF_LIGHT / np.array(carriers_hz), wp.float64),
         (links.batch_index[link], wp.int32),
-        (curved.first_facet[found.surface[path, np.argmax(found.kind[path] == SPECULAR, axis=1)]], wp.int32),
+        (curved.first_facet[found.surface[path, step]], wp.int32),
         (links.tx.position[link], wp.vec3d),
         (links.rx.position[link], wp.vec3d),
+        (found.vertex[path, step], wp.vec3d),
     ]
     host_pose = wp.array(search.host_pose, dtype=wp.transformd, device=device)
     inputs = [search.table.device, curved.device, search.outlines, host_pose]

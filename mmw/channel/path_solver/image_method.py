@@ -8,7 +8,8 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pairs
-from mmw.channel.path_solver.curved_candidates import curved_candidates, separate_points
+from mmw.channel.path_solver.curved_candidates import curved_candidates, curved_points, separate_points
+from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.near_edges import near_edge_candidates
 from mmw.channel.path_solver.scatter_paths import diffuse_paths
 from mmw.channel.path_solver.search import Search
@@ -16,7 +17,6 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import borrow_arrays, padded_count
-from mmw.kernels.channel.curved_surfaces import curved_points_kernel
 from mmw.kernels.channel.edges import cull_wedges_kernel
 from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
@@ -52,18 +52,25 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
         for link, step, is_plane in _joined(_at_mirrors(table, _candidates(search, is_pair))):
             for begin in range(0, len(link), CANDIDATES_AT_ONCE):
                 part = slice(begin, begin + CANDIDATES_AT_ONCE)
-                found.append(_refine(search, link[part], step[part], is_plane))
+                found.append(_refine(search, link[part], step[part], is_plane)[0])
         if table.curved is not None and config.specular_reflection and config.max_depth > 0:
-            for link, step, facet in curved_candidates(search, table.curved):
-                curved = _refine(search, link, step, False, facet)
-                found.append(
-                    curved.take(separate_points(curved, path_lengths(*_ends(search, curved), curved), table.curved))
-                )
+            found += list(_curved_paths(search, table.curved))
         if config.diffuse_reflection and len(table):
             found += diffuse_paths(search)
     paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     paths = TracedPaths(search.forward.order[paths.link].astype(np.int32), *paths.columns[1:])
     return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
+
+
+def _curved_paths(search: Search, curved: CurvedTable) -> Iterator[TracedPaths]:
+    """Yield the paths of one reflection at a curved surface."""
+    device = search.scene.device
+    for link, step, facet in curved_candidates(search, curved):
+        given = [wp.array(values, dtype=wp.int32, device=device) for values in (link, facet)]
+        touched, normal, point, share = curved_points(search, *given, curved)
+        paths, kept = _refine(search, link, step, False, (touched, normal))
+        strength = share.numpy()[kept] / path_lengths(*_ends(search, paths), paths)
+        yield paths.take(separate_points(paths, facet[kept], point.numpy()[kept], strength, curved))
 
 
 def _no_paths(depth: int) -> TracedPaths:
@@ -184,11 +191,11 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
 
 
 def _refine(
-    search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool, facet: np.ndarray | None = None
-) -> TracedPaths:
-    """Return the candidates that are paths; `link` still counts in the order of the sources.
+    search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool, touched: tuple[wp.array, wp.array] | None = None
+) -> tuple[TracedPaths, np.ndarray]:
+    """Return the candidates that are paths, and their rows; `link` still counts in the order of the sources.
 
-    With facets, shape [C], each is a reflection at the facet of a curved surface.
+    With points [m] and unit normals, shape [C, 1] each, every candidate is a reflection there, at a curved surface.
     """
     scene, table, config = search.scene, search.table, search.config
     device, count = scene.device, len(link)
@@ -199,19 +206,15 @@ def _refine(
     given.host[0][:count], given.host[1][:count] = link, step
     scratch = borrow_arrays(device, vectors, vectors, vectors, numbers)
     out = borrow_arrays(device, ends, steps, steps, vectors, vectors)
-    candidates = scratch.struct(PathCandidates, "image", "normal", "point", "offset")
+    if touched is None:
+        candidates = scratch.struct(PathCandidates, "image", "normal", "point", "offset")
+    else:  # a struct of its own: that of the block is used again
+        candidates = PathCandidates()
+        candidates.image, _, _, candidates.offset = scratch.arrays
+        candidates.point, candidates.normal = touched
     candidates.link, candidates.step = given.upload()
     candidates.is_plane = is_plane
-    candidates.is_curved = facet is not None
-    if facet is not None and table.curved is not None:
-        given_facet = wp.array(facet, dtype=wp.int32, device=device)
-        wp.launch(
-            curved_points_kernel,
-            dim=count,
-            inputs=[search.forward.ends, table.device, table.curved.device, search.pose, candidates.link, given_facet],
-            outputs=[candidates.point, candidates.normal],
-            device=device,
-        )
+    candidates.is_curved = touched is not None
     hits = out.struct(HitBuffers, None, "kind", "surface", "vertex", "normal")
     wp.launch(
         refine_kernel,
@@ -246,7 +249,7 @@ def _refine(
     )
     for block in (given, scratch, out):
         block.release()
-    return found
+    return found, kept
 
 
 def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
