@@ -1,7 +1,8 @@
 """Compare what `--dry-run` foresees with what a run makes, for varied configurations: `python -m bench.estimate`.
 
 Rows and bytes of all tables, over those of the run; each must be within 20 %. Twelve frames each, four of each of the
-sixteen scenarios, on any device. The time is that of the estimate alone, without the start of Python and its imports.
+sixteen scenarios, on any device; at 1 Hz they are a whole drive. The time is that of the estimate alone, without the
+start of Python and its imports.
 """
 
 import argparse
@@ -35,6 +36,10 @@ CASES: dict[str, tuple[str, ...]] = {
     "crossroad, dense, v2v": (
         "town10_crossroad", RADIO, "channel={samples_per_tx: 100000, links: [v2v]}",
         "scenarios.0.traffic.cav_ranks=[0, 1, 2, 3, 4, 5]",
+    ),
+    "radio, full, whole drive": ("town10_crossroad", RADIO, "channel.physics=full", "frames.rate_hz=1"),
+    "radio, standard, V2V, whole drive": (
+        "town07_crossroad", RADIO, "channel={physics: standard, links: [v2i, v2v]}", "frames.rate_hz=1",
     ),
     "small pictures": (
         "town07_crossroad", "channel.enabled=false", "sensors=[{type: rgb, width_px: 320, height_px: 180, rate_hz: 50}]"

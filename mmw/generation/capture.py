@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mmw.channel.links import make_links
+from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.rows import link_rows, path_gain_rows, path_geometry_rows
@@ -37,7 +37,7 @@ def capture_frames(
     capture_ground_truth(batch, frames, collected)
     capture_sensors(batch, frames, collected, sensors)
     if batch.surfaces is not None:
-        capture_channel(batch, batch.surfaces, frames, collected)
+        capture_channel(batch, batch.surfaces, channel_links(batch, frames), collected)
 
 
 def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
@@ -92,15 +92,21 @@ def _simulate(
                 tables[name].append(checked_columns(sensor, name, {**key, **columns}))
 
 
-def capture_channel(batch: Batch, surfaces: SurfaceTable, frames: Sequence[int], collected: TableRows) -> None:
-    """Add links and paths of the channel's frames: traced once, their field evaluated in every weather.
+def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
+    """Return the links of those of some frames that the channel samples."""
+    config = batch.config.channel
+    with batch.clock.stage("channel"):
+        links = make_links(batch.arrays, frames, config)
+        return links.take(np.flatnonzero(config.is_due(links.frame, batch.arrays.rate_hz)))
+
+
+def capture_channel(batch: Batch, surfaces: SurfaceTable, links: Links, collected: TableRows) -> None:
+    """Add links and their paths: traced once, their field evaluated in every weather.
 
     The geometry of paths is the same in every weather: only the first of `collected` has it.
     """
     config = batch.config.channel
     with batch.clock.stage("channel"):
-        links = make_links(batch.arrays, frames, config)
-        links = links.take(np.flatnonzero(config.is_due(links.frame, batch.arrays.rate_hz)))
         materials = {weather: batch.arrays.materials[weather] for weather in collected}
         air = {weather: batch.weather(weather) for weather in collected}
         paths = solve_paths(batch.scene, links, config, materials, surfaces, air)

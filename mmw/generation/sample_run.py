@@ -2,22 +2,25 @@
 
 A channel has as many paths as the scene gives it, and a picture compresses as what it shows: both are measured. The
 pictures of a scenario have about equal sizes (standard deviation 7 to 12 %): one of each camera in a frame is enough.
+Links differ more, by place and agent: the channel has frames of its own, and some links of a frame stand for many.
 """
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pyarrow as pa
 
+from mmw.channel.links import Links
+from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, Sampling, ScenarioConfig, SensorConfig
 from mmw.config.sensor_spec import spec_of
 from mmw.core.timing import StageTimer
-from mmw.generation.capture import capture_frames
+from mmw.generation.capture import capture_channel, capture_frames, channel_links
 from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.pipeline import join_batches, make_batch
 from mmw.scene.prepare import prepare_scenario, read_scenario
@@ -30,6 +33,14 @@ from mmw.storage.shard_writer import FILE_META
 
 SAMPLE_PLACES = (0.1, 0.5, 0.9)
 """Places of the traced frames in the scenario, as shares of its length. Design value."""
+
+CHANNEL_FRAMES = 2
+"""Traced frames of the channel for each place of the others. Design value: the paths of a link change by a factor of
+up to four along a drive with `channel.physics: standard`."""
+
+MAX_LINKS = 6
+"""Most links of a frame that are traced with diffraction or diffuse reflection: with `channel.physics: full` each takes
+seconds of a CPU, without these milliseconds. Design value."""
 
 MAX_FIXED = 2.5
 """Largest ratio of what a file needs besides its rows to a file without any. Design value, seen: 1.2 to 2."""
@@ -96,7 +107,7 @@ class SampledScenario:
 def sample_scenario(
     config: Config, scenario: ScenarioConfig, base: Path, device: str, places: Sequence[float] = SAMPLE_PLACES
 ) -> SampledScenario:
-    """Trace some frames of a scenario, and one of each sensor that has none there.
+    """Trace some frames of a scenario, one of each sensor that has none there, and more of the channel alone.
 
     Args:
         config: The configuration.
@@ -114,7 +125,10 @@ def sample_scenario(
         batch = make_batch(config, scenario, arrays, device, 1, pool, StageTimer())
         notes = (*configuration_warnings(arrays, config, scenario), *surface_warnings(batch.surfaces))
         frames = _sample_frames(config, scenario, places)
-        traced, shares = _trace(batch, frames)
+        ratio = _ratios(config, scenario, frames)
+        traced, shares = _trace(replace(batch, surfaces=None), frames)
+        if batch.surfaces is not None:
+            ratio[CHANNEL] = _trace_channel(batch, batch.surfaces, CHANNEL_FRAMES * len(places), traced, shares)
         static = {
             name: table_from_columns(name, {"scenario": scenario.name, **columns})
             for name, columns in static_rows(arrays, config).items()
@@ -123,7 +137,6 @@ def sample_scenario(
         name: SampledTable({STATIC: table.num_rows}, 0.0, _encoded(name, [(0, table)]) / max(table.num_rows, 1))
         for name, table in static.items()
     }
-    ratio = _ratios(config, scenario, frames)
     for name in dict.fromkeys(name for _, name in traced):
         tables[name] = _sampled_table(name, [traced[key] for key in traced if key[1] == name], ratio, shares)
     shards = -(-config.frames_of(scenario).count // config.output.shard_frames)
@@ -156,7 +169,7 @@ def _due(sampling: Sampling, frames: range, rate_hz: int) -> np.ndarray:
 
 
 def _trace(batch: Batch, frames: Sequence[int]) -> tuple[Traced, dict[tuple[int, str], float]]:
-    """Return the rows of frames, and by frame and sensor all samples over the traced ones."""
+    """Return the rows of frames without the channel, and by frame and sensor all samples over the traced ones."""
     traced: Traced = defaultdict(dict)
     shares: dict[tuple[int, str], float] = {}
     for index, frame in enumerate(frames):
@@ -166,10 +179,56 @@ def _trace(batch: Batch, frames: Sequence[int]) -> tuple[Traced, dict[tuple[int,
             few, shares[frame, sensor.name] = _thinned(batch, sensor, frame, (index + 0.5) / len(frames))
             sensors.append(few)
         capture_frames(batch, [frame], rows, sensors)
-        for weather, tables in rows.items():
-            for name, batches in tables.items():
-                traced[weather, name][frame] = join_batches(name, batch.scenario.name, weather, batches)
+        _collect(batch, frame, rows, traced)
     return traced, shares
+
+
+def _trace_channel(
+    batch: Batch, surfaces: SurfaceTable, count: int, traced: Traced, shares: dict[tuple[int, str], float]
+) -> float:
+    """Add the rows of the channel in up to so many frames, evenly spread, and return all its frames over these.
+
+    Args:
+        batch: The scenario.
+        surfaces: Its surfaces.
+        count: Most frames to trace.
+        traced: Where the rows go.
+        shares: Where all links of a frame over the traced ones go.
+    """
+    config, scenario = batch.config, batch.scenario
+    whole = config.frames_of(scenario)
+    due = _due(config.channel, range(whole.start, whole.stop), config.frame_rate_of(scenario))
+    places = (np.arange(count) + 0.5) / count
+    chosen = due[np.unique((places * len(due)).astype(np.int64))] if len(due) else np.array([whole.start])
+    is_costly = config.channel.diffraction or config.channel.diffuse_reflection
+    for index, frame in enumerate(chosen.tolist()):
+        rows: TableRows = {weather: defaultdict(list) for weather in config.weathers}
+        batch.scene.load_batch([frame])
+        links = channel_links(batch, [frame])
+        few = _thinned_links(links, (index + 0.5) / len(chosen)) if is_costly else links
+        shares[frame, CHANNEL] = len(links) / max(len(few), 1)
+        capture_channel(batch, surfaces, few, rows)
+        _collect(batch, frame, rows, traced)
+    return len(due) / len(chosen)
+
+
+def _collect(batch: Batch, frame: int, rows: TableRows, traced: Traced) -> None:
+    """Add the rows of a frame to those of all."""
+    for weather, tables in rows.items():
+        for name, batches in tables.items():
+            traced[weather, name][frame] = join_batches(name, batch.scenario.name, weather, batches)
+
+
+def _thinned_links(links: Links, place: float) -> Links:
+    """Return up to `MAX_LINKS` of some links, evenly spread over their list.
+
+    Args:
+        links: The links of a frame.
+        place: Place of the chosen one among those that it stands for, as a share of their number.
+    """
+    if len(links) <= MAX_LINKS:
+        return links
+    return links.take(((np.arange(MAX_LINKS) + place) * (len(links) / MAX_LINKS)).astype(np.int64))
 
 
 def _thinned(batch: Batch, sensor: SensorConfig, frame: int, place: float) -> tuple[SensorConfig, float]:
@@ -182,13 +241,13 @@ def _thinned(batch: Batch, sensor: SensorConfig, frame: int, place: float) -> tu
 
 
 def _ratios(config: Config, scenario: ScenarioConfig, frames: list[int]) -> dict[str, float]:
-    """Return samples of all frames over those of the traced ones, by sensor, of `CHANNEL` and of `FRAMES`."""
+    """Return samples of all frames over those of the traced ones, by sensor, antenna, of `CHANNEL` and of `FRAMES`."""
     whole, rate_hz = config.frames_of(scenario), config.frame_rate_of(scenario)
     ratio = {FRAMES: whole.count / len(frames)}
     for name, sampling in _samplings(config):
         traced = int(sampling.is_due(frames, rate_hz).sum())
         ratio[name] = len(_due(sampling, range(whole.start, whole.stop), rate_hz)) / traced if traced else 0.0
-    if CHANNEL in ratio:
+    if CHANNEL in ratio:  # rows of its antennas beside its tables
         ratio |= {antenna.name: ratio[CHANNEL] for antenna in config.channel.antennas if antenna.name not in ratio}
     return ratio
 

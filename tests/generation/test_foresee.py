@@ -9,9 +9,11 @@ import yaml
 from mmw.cli.run import main
 from mmw.config import load_config
 from mmw.config.scenario import ScenarioConfig
+from mmw.core.resources import configs_dir
 from mmw.generation import foresee as module
-from mmw.generation.estimate import count_agents
-from mmw.generation.foresee import MAX_SAMPLED, ScenarioLoad, choose_scenarios, foresee, infer_scenario
+from mmw.generation.estimate import count_agents, estimate_plan
+from mmw.generation.foresee import ScenarioLoad, choose_scenarios, foresee, infer_scenario
+from mmw.generation.run_config import RunOptions, run_config
 from mmw.generation.sample_run import CHANNEL, FRAMES, STATIC, SampledScenario, SampledTable
 from mmw.storage.manifest import manifest_rows, read_markers
 from tests.fixtures.own_world import command, write_own_world
@@ -39,12 +41,15 @@ def write_scenarios(folder: Path) -> Path:
     return folder
 
 
-def test_all_scenarios_are_foreseen_from_four(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+def test_all_scenarios_are_foreseen_from_a_few(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
     world = write_scenarios(tmp_path)
+    monkeypatch.setattr(module, "MAX_SAMPLED", 4)
     config = load_config(world / "mine.yaml", ["output.shard_frames=2", "weathers=[sunny, rainy]"])
     samples = foresee(config, world, "cpu", count_agents(config, world))
     assert [sample.name for sample in samples] == [f"s{k}" for k in range(len(LENGTHS))]
-    assert sum(sample.is_traced for sample in samples) == MAX_SAMPLED
+    assert sum(sample.is_traced for sample in samples) == 4
     assert any(sample.is_traced for sample in (samples[1], samples[4]))
     assert main(command(world, "data")) == 0
     files = manifest_rows(read_markers(world / "data")).to_pylist()
@@ -65,10 +70,10 @@ def test_all_scenarios_are_foreseen_from_four(tmp_path: Path, capsys: pytest.Cap
     assert f"tables, from traced frames of 4 of 6 scenarios ({names}); the others are inferred" in text
 
 
-def test_one_or_two_scenarios_are_traced_at_three_places(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_fewer_scenarios_are_traced_at_more_places(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     world, places = write_scenarios(tmp_path), []
     monkeypatch.setattr(module, "sample_scenario", lambda *given: places.append(len(given[-1])))
-    for count, expected in ((2, [3, 3]), (3, [2, 2, 2])):
+    for count, expected in ((2, [3, 3]), (3, [2, 2, 2]), (5, [1] * 5)):
         config = load_config(world / "mine.yaml")
         config = config.model_copy(update={"scenarios": config.scenarios[:count]})
         foresee(config, world, "cpu", count_agents(config, world))
@@ -94,11 +99,11 @@ def test_the_chosen_have_all_sensors_and_towns_and_differ() -> None:
         load("f", "town05", 60, lidar=10.0, rgb=0.0),
         load("g", "town07", 10, lidar=10.0, rgb=0.0),
     ]
-    chosen = [loads[index].scenario.name for index in choose_scenarios(loads)]
+    chosen = [loads[index].scenario.name for index in choose_scenarios(loads, 4)]
     assert chosen[0] == "e"  # the only one with pictures
     assert set(chosen[1:3]) == {"c", "g"}  # the median of the first town, and the only one of the last
     assert chosen[3] == "d"  # differs most from what its town has
-    assert choose_scenarios(loads[:3]) == [2, 0, 1]
+    assert choose_scenarios(loads[:3], 4) == [2, 0, 1]
     assert len(set(choose_scenarios(loads, 7))) == 7
 
 
@@ -136,3 +141,24 @@ def test_what_the_own_town_lacks_comes_from_the_others() -> None:
     found = infer_scenario(load("c", "town03", 20, **{CHANNEL: 10.0}), known)
     assert found.rows == {"paths": 20.0}
     assert found.bytes["paths"] == 1.0 + 20.0 * 5.0
+
+
+@pytest.mark.slow
+def test_paths_of_a_drive_are_foreseen(tmp_path: Path) -> None:
+    """Along twelve seconds of a drive the paths of a link grow fourfold; half of the frames foresee all of them.
+
+    Without a trace, a scenario may differ from the mean of all by a factor of two or three.
+    """
+    out = tmp_path / "data"
+    changes = ["sensors=[]", "channel.physics=standard", "frames.rate_hz=1", "frames.count=12"]
+    config = load_config("town07_crossroad", changes, {"output.dir": str(out), "compute.device": "cpu"})
+    counts = count_agents(config, configs_dir())
+    (sample,) = foresee(config, configs_dir(), "cpu", counts)
+    run_config(config, configs_dir(), "test", RunOptions(is_quiet=True))
+    made = manifest_rows(read_markers(out)).to_pylist()
+    rows = {file["table"]: file["rows"] for file in made}
+    assert rows["path_geometry"] > 10 * rows["links"]
+    assert sample.rows == pytest.approx(rows, rel=0.2)
+    size = sum(file["bytes"] for file in made)
+    assert sum(sample.bytes.values()) == pytest.approx(size, rel=0.2)
+    assert size / 3 < estimate_plan(config, configs_dir(), counts).bytes < size * 3

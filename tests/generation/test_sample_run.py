@@ -7,16 +7,18 @@ import pytest
 
 from mmw.cli.run import main
 from mmw.config import Config, load_config
-from mmw.generation.capture import capture_frames
-from mmw.generation.sample_run import SampledScenario, sample_scenario
+from mmw.generation.capture import capture_channel, capture_frames
+from mmw.generation.sample_run import MAX_LINKS, SampledScenario, sample_scenario
 from mmw.storage.manifest import manifest_rows, read_markers
-from tests.fixtures.own_world import command, write_own_world
+from tests.fixtures.own_world import SMALL, command, write_own_world
 
 CHANGES = (
     "frames={start: 1, count: 8}", "weathers=[sunny, rainy]", "output.shard_frames=3",
     "sensors=[{type: imu}, {type: gnss, rate_hz: 50}, {type: lidar, channels: 4, points_per_channel: 90, rate_hz: 20}]",
     "channel.diffuse_reflection=true", "channel.diffraction=true", "materials={'*tower*': itu_brick}",
 )  # fmt: skip
+
+ROUGH = ("sensors=[]", "scenarios.0.materials={'/World/*': {radio: itu_concrete, scattering: 0.3}}")
 
 
 @pytest.fixture(scope="module")
@@ -34,12 +36,19 @@ def sample(world: Path, config: Config) -> SampledScenario:
     return sample_scenario(config, config.scenarios[0], world, "cpu")
 
 
-def test_rows_and_bytes_are_those_of_a_run(world: Path, sample: SampledScenario) -> None:
-    assert main(command(world, "data", *CHANGES)) == 0
-    rows, size = {}, {}
-    for file in manifest_rows(read_markers(world / "data")).to_pylist():
+def true_tables(data: Path) -> tuple[dict[str, int], dict[str, int]]:
+    """Return the rows and bytes of each table of a dataset."""
+    rows: dict[str, int] = {}
+    size: dict[str, int] = {}
+    for file in manifest_rows(read_markers(data)).to_pylist():
         rows[file["table"]] = rows.get(file["table"], 0) + file["rows"]
         size[file["table"]] = size.get(file["table"], 0) + file["bytes"]
+    return rows, size
+
+
+def test_rows_and_bytes_are_those_of_a_run(world: Path, sample: SampledScenario) -> None:
+    assert main(command(world, "data", *CHANGES)) == 0
+    rows, size = true_tables(world / "data")
     assert sample.rows == pytest.approx(rows, rel=0.2)
     for table in ("frames", "poses", "imu", "gnss", "lidar", "links", "objects", "materials"):
         assert sample.rows[table] == pytest.approx(rows[table]), table
@@ -75,3 +84,35 @@ def test_one_agent_stands_for_all_with_a_camera(world: Path) -> None:
     assert [call.args[3][0].on for call in capture.call_args_list] == [("Ego",), ("Mast",), ("Mast",)]
     assert sample.rows["depth"] == 3 * 2
     assert sample.rows["boxes_2d"] == 2 * 2  # the mast sees the vehicle in two frames, and stands for it there too
+
+
+@pytest.mark.parametrize("physics", ["paper", "standard", "full"])
+def test_paths_of_every_preset_are_those_of_a_run(world: Path, physics: str) -> None:
+    """The vehicle moves by 0.9 m: the paths of six of ten frames are about those of all."""
+    changes = (*ROUGH, f"channel.physics={physics}")
+    assert main(command(world, physics, *changes)) == 0
+    rows, _ = true_tables(world / physics)
+    config = load_config(world / "mine.yaml", [*SMALL, *changes])
+    sample = sample_scenario(config, config.scenarios[0], world, "cpu")
+    assert sample.rows == pytest.approx(rows, rel=0.2)
+    assert sample.rows["links"] == rows["links"]
+    assert (rows["path_geometry"] > 100 * rows["links"]) == (physics == "full")  # diffuse paths are many
+
+
+def test_some_of_many_links_stand_for_all(world: Path) -> None:
+    """Of 25 links, five antennas to five, six are traced, others in each frame."""
+    mounts = [f"{{cav: {{position_m: [{x}, 0, 2.5]}}, rsu: {{position_m: [0, {x}, 6]}}}}" for x in range(-2, 3)]
+    antennas = ", ".join(f"{{name: a{k}, on: [cav, rsu], mount: {mount}}}" for k, mount in enumerate(mounts))
+    changes = (*ROUGH, "channel.physics=full", f"channel.antennas=[{antennas}]", "frames.count=3")
+    assert main(command(world, "many", *changes)) == 0
+    rows, _ = true_tables(world / "many")
+    config = load_config(world / "mine.yaml", [*SMALL, *changes])
+    with patch("mmw.generation.sample_run.capture_channel", wraps=capture_channel) as capture:
+        sample = sample_scenario(config, config.scenarios[0], world, "cpu")
+    links = [call.args[2] for call in capture.call_args_list]
+    pairs = [set(zip(some.tx_number.tolist(), some.rx_number.tolist(), strict=True)) for some in links]
+    assert [len(some) for some in pairs] == [MAX_LINKS] * 3
+    assert len(set.union(*pairs)) > 12
+    assert rows["links"] == 25 * 3 * 2 * 2
+    assert sample.rows == pytest.approx(rows, rel=0.2)
+    assert sample.rows["links"] == pytest.approx(rows["links"])

@@ -245,7 +245,7 @@ def test_small_bends_are_curved_and_corners_are_not(part: MeshPart, is_curved: b
 
 
 def test_of_close_points_on_one_surface_the_strongest_stays() -> None:
-    """Rows on two surfaces and two links: the weaker of two 0.1 m apart goes, also of two beyond an outline 0.7 m apart;
+    """Rows on two surfaces and two links: the weaker of two 0.1 m apart goes, and of two beyond an outline 0.7 m;
     one 0.4 m away on the surface and other links stay.
     """
     x = np.array([0.0, 0.1, 0.5, 0.1, 0.1, 1.0, 1.7])
