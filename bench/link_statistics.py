@@ -1,10 +1,10 @@
 """Measure how links live in each preset of the physics: outage, paths, births, jumps, spreads, reflections at poles.
 
     python -m bench.link_statistics --json docs/reference/data/channel_statistics.json
-        [--physics paper standard full --frames 40 --bursts 1 --scenarios town03_roundabout ...]
+        [--physics paper standard full --frames 40 --bursts 1 --rate-hz 100 --scenarios town03_roundabout ...]
 
 Prints a line of JSON for each scenario, preset and carrier, in dry weather. With `--json` the lines are stored in the
-file, in place of its lines of the same scenario, preset and carrier: several calls fill one file, of which
+file, in place of its lines of the same scenario, preset, rate and carrier: several calls fill one file, of which
 `python -m bench.link_statistics_page` makes `docs/reference/channel-statistics.md`.
 """
 
@@ -38,8 +38,8 @@ Record = dict[str, Any]
 
 WEATHER = "sunny"
 
-SAME_LENGTH_M = 0.1
-"""Largest change of length between two frames of what counts as one path [m]: 10 m/s over 0.01 s."""
+SAME_LENGTH_M_S = 10.0
+"""Largest rate at which the length of what counts as one path changes between two frames [m/s]."""
 
 SAME_WAVE_RAD = np.radians(1.0)
 """Largest change of the directions of departure and arrival of what counts as one wave: 0.2 m at 10 m."""
@@ -50,13 +50,18 @@ JUMP_DB = 3.0
 RANGE_DB = 40.0
 """Paths weaker than the strongest of their link by more do not count among the lives [dB]: the range of the presets."""
 
+STRONG_DB = 20.0
+"""Paths within this of the strongest of their link are strong [dB]."""
+
 PERCENTILES = (10, 50, 90)
+
+KEY = ("scenario", "physics", "rate_hz", "carrier_hz")
 
 DIGITS = 4
 """Significant digits of stored numbers."""
 
 
-def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray) -> Record:
+def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray, rate_hz: int) -> Record:
     """Return how paths live over successive frames.
 
     Diffuse ones, which exist in one frame each, are left out, and paths far below the strongest of their link, which a
@@ -66,22 +71,29 @@ def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray) -> R
         paths: Paths of one carrier.
         path_id: Identifier of each, shape [P].
         is_diffuse: Whether each is diffuse, shape [P].
+        rate_hz: Frames a second.
     """
     level = np.abs(paths.a)
     strongest = np.zeros(paths.link_count)
     np.maximum.at(strongest, paths.link, level)
     kept = np.flatnonzero(~is_diffuse & (level > 10.0 ** (-RANGE_DB / 20.0) * strongest[paths.link]))
     columns = {name: getattr(paths, name)[kept] for name in SAMPLE_COLUMNS}
-    tracks = tracks_from_rows(replace(paths, link=paths.link[kept], **columns), path_id[kept])
+    own = replace(paths, link=paths.link[kept], **columns)
+    tracks = tracks_from_rows(own, path_id[kept], rate_hz=rate_hz)
     births = tracks.is_birth & ~_begins_with_link(tracks, paths)
+    relative = tracks_from_rows(replace(own, a=own.a / strongest[own.link]), path_id[kept], rate_hz=rate_hz)
+    is_strong = np.abs(relative.a) > 10.0 ** (-STRONG_DB / 20.0)
+    ends = (births & is_strong[tracks.offset[:-1]]).sum() + (tracks.is_death & is_strong[tracks.offset[1:] - 1]).sum()
+    same_s = SAME_LENGTH_M_S / rate_hz / SPEED_OF_LIGHT
     steps = np.abs(level_steps_db(tracks))
     survivors = survival(tracks, births)
     return {
         "births": int(births.sum()),
         "births_per_link_frame": births.sum() / paths.link_count,
-        "births_that_continue": _share(continues_old_path(tracks, SAME_LENGTH_M / SPEED_OF_LIGHT)[births]),
-        "births_of_one_wave": _share(continues_old_path(tracks, SAME_LENGTH_M / SPEED_OF_LIGHT, SAME_WAVE_RAD)[births]),
+        "births_that_continue": _share(continues_old_path(tracks, same_s)[births]),
+        "births_of_one_wave": _share(continues_old_path(tracks, same_s, SAME_WAVE_RAD)[births]),
         "jumps": _share(steps > JUMP_DB),
+        "strong_ends_per_s": ends / paths.link_count * rate_hz,
         "lives_of_one_frame": 1.0 - survivors[1] if births.any() else None,
         "median_life_s": median_lifetime(tracks, births),
         "survivors_at_end": survivors[-1] if births.any() else None,
@@ -138,13 +150,14 @@ def pole_levels(data: SceneData, paths: PathSet, carrier: int) -> np.ndarray:
     return 20.0 * np.log10(np.maximum(level / free, 1e-12))
 
 
-def statistics_of(data: SceneData, links: Links, paths: PathSet) -> list[Record]:
+def statistics_of(data: SceneData, links: Links, paths: PathSet, rate_hz: int) -> list[Record]:
     """Return the statistics of links at each carrier.
 
     Args:
         data: The scene.
         links: Links of successive frames.
         paths: Their paths.
+        rate_hz: Frames a second.
     """
     state = paths.los_state(WEATHER)
     shares = {name: float((state == row).mean()) for row, name in enumerate(LOS_STATES)}
@@ -160,7 +173,7 @@ def statistics_of(data: SceneData, links: Links, paths: PathSet) -> list[Record]
                 "without_path": float((paths.count == 0).mean()),
                 **shares,
                 "distance_m": float(np.median(np.linalg.norm((links.rx.position - links.tx.position)[:, :2], axis=1))),
-                **lives(rows, paths.path_id, paths.kind == PATH_DIFFUSE),
+                **lives(rows, paths.path_id, paths.kind == PATH_DIFFUSE, rate_hz),
                 "los": dispersion(rows.take(has_sight)),
                 "nlos": dispersion(rows.take(~has_sight)),
                 "pole_paths": len(poles),
@@ -187,9 +200,9 @@ def burst_frames(frames: np.ndarray, length: int, bursts: int) -> list[int]:
     return [int(frame) for begin in begins for frame in frames[begin : begin + length]]
 
 
-def measure(scenario: str, physics: str, length: int, bursts: int, device: str) -> list[Record]:
+def measure(scenario: str, physics: str, length: int, bursts: int, device: str, rate_hz: int = 100) -> list[Record]:
     """Return the statistics of a scenario of the paper over bursts of successive frames, a record for each carrier."""
-    whole = load_config("full", [f"channel.physics={physics}"])
+    whole = load_config("full", [f"channel.physics={physics}", f"frames.rate_hz={rate_hz}"])
     scene = load_scene(whole, scenario=scenario, weather=[WEATHER], device=device)
     data = scene.arrays
     frames = burst_frames(data.frames, length, bursts)
@@ -200,9 +213,9 @@ def measure(scenario: str, physics: str, length: int, bursts: int, device: str) 
     table = make_surface_table(on_device, **config.surface_options)
     began = time.perf_counter()
     paths = solve_paths(on_device, links, config, data.materials, table, air=scene.weathers)
-    head = {"scenario": scenario, "physics": physics, "frames": length, "bursts": bursts}
+    head = {"scenario": scenario, "physics": physics, "rate_hz": rate_hz, "frames": length, "bursts": bursts}
     seconds = {"solve_s": time.perf_counter() - began}
-    return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths)]
+    return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths, rate_hz)]
 
 
 def _plain(value: Any) -> Any:
@@ -219,10 +232,10 @@ def _plain(value: Any) -> Any:
 
 
 def store(file: Path, records: list[Record]) -> None:
-    """Write records into a file, in place of those of the same scenario, preset and carrier, sorted by these."""
+    """Write records into a file, in place of those of the same scenario, preset, rate and carrier, sorted by these."""
     with FileLock(Path(tempfile.gettempdir()) / f"{file.name}.lock"):  # several calls may fill one file
         old = json.loads(file.read_text())["records"] if file.exists() else []
-        by_key = {(own["scenario"], own["physics"], own["carrier_hz"]): own for own in [*old, *records]}
+        by_key = {tuple(own[name] for name in KEY): own for own in [*old, *records]}
         lines = ",\n".join(json.dumps(by_key[key]) for key in sorted(by_key))
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(f'{{"records": [\n{lines}\n]}}\n')
@@ -236,12 +249,13 @@ def main() -> None:
     parser.add_argument("--scenarios", nargs="+", default=names, choices=names, metavar="NAME")
     parser.add_argument("--frames", type=int, default=40, help="successive frames of a burst")
     parser.add_argument("--bursts", type=int, default=1, help="bursts, spread over each scenario")
+    parser.add_argument("--rate-hz", type=int, default=100, help="frames a second")
     parser.add_argument("--device", default="auto", help="auto, cpu or cuda:N")
     parser.add_argument("--json", type=Path, help="file that the statistics are stored in")
     options = parser.parse_args()
     for scenario in options.scenarios:
         for physics in options.physics:
-            records = measure(scenario, physics, options.frames, options.bursts, options.device)
+            records = measure(scenario, physics, options.frames, options.bursts, options.device, options.rate_hz)
             for record in records:
                 print(json.dumps(record), flush=True)
             if options.json is not None:

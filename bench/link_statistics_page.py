@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.link_statistics import JUMP_DB, PERCENTILES, RANGE_DB, SAME_LENGTH_M, SAME_WAVE_RAD
+from bench.link_statistics import JUMP_DB, PERCENTILES, RANGE_DB, SAME_LENGTH_M_S, SAME_WAVE_RAD, STRONG_DB
 from mmw.channel.tr38901 import LogNormal, street_canyon
 from mmw.config.physics_presets import PHYSICS_PRESETS
 
@@ -22,6 +22,9 @@ DISTANCE_M = 30.0
 """Distance at which the zenith spread of departure of TR 38.901 is shown [m]; the other spreads have none."""
 
 NO_VALUE = "-"
+
+RATE_HZ = 100
+"""Frames a second of the tables; other rates are in that of continuity."""
 
 SPREADS = {
     "delay_spread_ns": "DS [ns]", "azimuth_departure_deg": "ASD [deg]", "azimuth_arrival_deg": "ASA [deg]",
@@ -38,9 +41,10 @@ python -m bench.link_statistics --json docs/reference/data/channel_statistics.js
 python -m bench.link_statistics_page
 ```
 
-The first command replaces only what it measures (`--scenarios`, `--physics`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
+The first command replaces only what it measures (`--scenarios`, `--physics`, `--rate-hz`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
 
 - Paths count as resolved: powers add. A link of one frame is a link-frame.
+- Rows of `standard` and `full` at 100 frames a second are from before reflections went on beyond the outlines of curved surfaces.
 - Cells with three numbers are the median and, in parentheses, the {PERCENTILES[0]}th and {PERCENTILES[2]}th percentile.
 """  # noqa: E501
 
@@ -49,9 +53,17 @@ LIVES = f"""
 
 Identifiers `path_id` over successive frames, without diffuse paths and those more than {RANGE_DB:g} dB below the strongest of their link.
 
-- **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, share where a path of nearly the same length (within {SAME_LENGTH_M:g} m) ended there; **one wave**: and of the same directions (within {np.degrees(SAME_WAVE_RAD):.2g} deg)
+- **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, share where a path of nearly the same length (within {SAME_LENGTH_M_S / RATE_HZ:g} m) ended there; **one wave**: and of the same directions (within {np.degrees(SAME_WAVE_RAD):.2g} deg)
 - **life**: median lifetime after a birth by the estimator of Kaplan and Meier, which counts paths that outlast the recording; **one frame**: share of lives that end after their first frame
 - **jumps**: steps of more than {JUMP_DB:g} dB from one frame to the next of one path
+"""  # noqa: E501
+
+CONTINUITY = f"""
+## Continuity
+
+A vehicle that passes at 10 m/s moves by nine wavelengths of 28 GHz in 1/100 s. Behind an edge 10 m away the level then changes by 3 dB from frame to frame, so a step between frames of 1/100 s need not be one of the channel. More frames a second tell:
+
+- **strong ends**: births and ends of paths within {STRONG_DB:g} dB of the strongest of their link, for each link and second. An obstacle in the way ends a path there too; its edge then carries on what is left.
 """  # noqa: E501
 
 DISPERSION = f"""
@@ -73,8 +85,12 @@ def channel_statistics_page(records: list[dict[str, Any]]) -> str:
     ranks = list(PHYSICS_PRESETS)
     records = sorted(records, key=lambda own: (own["scenario"], ranks.index(own["physics"]), own["carrier_hz"]))
     carriers = sorted({own["carrier_hz"] for own in records})
+    finer = [own for own in records if own["rate_hz"] != RATE_HZ]
+    records = [own for own in records if own["rate_hz"] == RATE_HZ]
     once = [own for own in records if own["carrier_hz"] == carriers[0]]
     lines = [HEAD, *_measured(once), *_sights(once), LIVES, *_lives(records)]
+    if finer:
+        lines += [CONTINUITY, *_continuity(finer)]
     for is_los, title in ((True, "With line of sight"), (False, "Without line of sight")):
         lines += ["", f"## {title}", "", _state_text(is_los)]
         lines += [DISPERSION] if is_los else [""]
@@ -100,7 +116,7 @@ def _measured(records: list[dict[str, Any]]) -> list[str]:
     for physics, group in by_preset.items():
         shapes = sorted({(own["bursts"], own["frames"]) for own in group})
         text = ", ".join(f"{bursts} x {frames}" for bursts, frames in shapes)
-        out.append(f"- `{physics}`: scenarios {len(group)}; bursts x successive frames of 1/100 s {text}")
+        out.append(f"- `{physics}`: scenarios {len(group)}; bursts x successive frames of 1/{RATE_HZ} s {text}")
     return out
 
 
@@ -122,6 +138,17 @@ def _lives(records: list[dict[str, Any]]) -> list[str]:
         case = own["scenario"], own["physics"], f"{own['carrier_hz'] / 1e9:g}", f"{own['births_per_link_frame']:.2g}"
         births = _percent(own["births_that_continue"]), _percent(own["births_of_one_wave"])
         lines.append(_row([*case, *births, _life(own), _percent(own["lives_of_one_frame"]), _percent(own["jumps"])]))
+    return lines
+
+
+def _continuity(records: list[dict[str, Any]]) -> list[str]:
+    head = ("scenario", "preset", "GHz", "frames a second", "frames", "births a second", "strong ends", "jumps [%]")
+    lines = [_row(head), "|" + "---|" * len(head)]
+    for own in records:
+        case = own["scenario"], own["physics"], f"{own['carrier_hz'] / 1e9:g}", str(own["rate_hz"]), str(own["frames"])
+        births = f"{own['births_per_link_frame'] * own['rate_hz']:.0f}"
+        jumps = NO_VALUE if own["jumps"] is None else f"{100 * own['jumps']:.3f}"
+        lines.append(_row([*case, births, f"{own['strong_ends_per_s']:.1f}", jumps]))
     return lines
 
 
