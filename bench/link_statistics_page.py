@@ -61,8 +61,9 @@ Identifiers `path_id` over successive frames, without diffuse paths and those mo
 CONTINUITY = f"""
 ## Continuity
 
-A vehicle that passes at 10 m/s moves by nine wavelengths of 28 GHz in 1/100 s. Behind an edge 10 m away the level then changes by 3 dB from frame to frame, so a step between frames of 1/100 s need not be one of the channel. More frames a second tell:
+A vehicle that passes at 10 m/s moves by nine wavelengths of 28 GHz in 1/100 s. Behind an edge 10 m away the level then changes by 3 dB from frame to frame, so a step between frames of 1/100 s need not be one of the channel. More frames a second tell. Columns as above, with lengths that change by {SAME_LENGTH_M_S:g} m/s at most, and:
 
+- **births a second**: of each link
 - **strong ends**: births and ends of paths within {STRONG_DB:g} dB of the strongest of their link, for each link and second. An obstacle in the way ends a path there too; its edge then carries on what is left.
 """  # noqa: E501
 
@@ -142,13 +143,15 @@ def _lives(records: list[dict[str, Any]]) -> list[str]:
 
 
 def _continuity(records: list[dict[str, Any]]) -> list[str]:
-    head = ("scenario", "preset", "GHz", "frames a second", "frames", "births a second", "strong ends", "jumps [%]")
+    head = ["scenario", "preset", "GHz", "frames a second", "frames", "births a second", "continue [%]", "one wave [%]"]
+    head += ["strong ends", "jumps [%]"]
     lines = [_row(head), "|" + "---|" * len(head)]
     for own in records:
         case = own["scenario"], own["physics"], f"{own['carrier_hz'] / 1e9:g}", str(own["rate_hz"]), str(own["frames"])
         births = f"{own['births_per_link_frame'] * own['rate_hz']:.0f}"
         jumps = NO_VALUE if own["jumps"] is None else f"{100 * own['jumps']:.3f}"
-        lines.append(_row([*case, births, f"{own['strong_ends_per_s']:.1f}", jumps]))
+        old = _percent(own["births_that_continue"]), _percent(own["births_of_one_wave"])
+        lines.append(_row([*case, births, *old, f"{own['strong_ends_per_s']:.1f}", jumps]))
     return lines
 
 
