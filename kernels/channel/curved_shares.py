@@ -23,6 +23,7 @@ from mmw.kernels.channel.finite_surfaces import (
     Outlines,
     coordinates,
     nearest_share,
+    smooth_step,
 )
 from mmw.kernels.channel.surfaces import Surfaces, to_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
@@ -33,13 +34,6 @@ TURNED_AWAY = wp.constant(wp.float64(0.2))
 """Edges at facets whose normals have a smaller cosine with that at the point of reflection are behind the surface."""
 FACING = wp.constant(wp.float64(0.6))
 """From this cosine on an edge counts in full. Design values, like the one before."""
-
-
-@wp.func
-def smooth_step(value: wp.float64, low: wp.float64, high: wp.float64) -> wp.float64:
-    """Return 0 below `low`, 1 above `high`, and smoothly in between."""
-    t = wp.clamp((value - low) / (high - low), wp.float64(0.0), wp.float64(1.0))
-    return t * t * (wp.float64(3.0) - wp.float64(2.0) * t)
 
 
 @wp.kernel

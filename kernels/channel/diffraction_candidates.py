@@ -26,6 +26,7 @@ from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
     Surfaces,
+    from_carrier,
     in_plane_box,
     is_mirror,
     largest,
@@ -205,12 +206,9 @@ def near_edges_kernel(
         begin = mirrored(tx, mirror)
         end = rx
         other = tx
-    one = wedges.begin[wedge[index]]
-    two = wedges.end[wedge[index]]
     carrier = wedges.carrier[wedge[index]]
-    if carrier < pose.shape[1]:
-        one = wp.transform_point(pose[batch_index, carrier], one)
-        two = wp.transform_point(pose[batch_index, carrier], two)
+    one = from_carrier(wedges.begin[wedge[index]], pose, batch_index, carrier)
+    two = from_carrier(wedges.end[wedge[index]], pose, batch_index, carrier)
     if is_far_aside(one, two, begin, end, detour_m):
         return
     edge = edge_world(wedges, pose, batch_index, wedge[index])

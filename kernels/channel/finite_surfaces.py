@@ -21,7 +21,7 @@ import warp as wp
 
 from mmw.kernels.channel.edge_integral import HALF_PI, Quadrature, edge_part, times, turn
 from mmw.kernels.channel.selected_pairs import select_pair
-from mmw.kernels.channel.surfaces import EDGE_MARGIN, LinkEnds, Plane, Surfaces, to_carrier
+from mmw.kernels.channel.surfaces import EDGE_MARGIN, LinkEnds, Plane, Surfaces, from_carrier, to_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
@@ -82,6 +82,13 @@ class FresnelFrame:
 
 
 @wp.func
+def smooth_step(value: wp.float64, low: wp.float64, high: wp.float64) -> wp.float64:
+    """Return 0 at `low` and before it, 1 at `high` and behind it, and smoothly in between."""
+    t = wp.clamp((value - low) / (high - low), wp.float64(0.0), wp.float64(1.0))
+    return t * t * (wp.float64(3.0) - wp.float64(2.0) * t)
+
+
+@wp.func
 def edge_share(distance: wp.float64, width: wp.float64) -> wp.float64:
     """Return the share with which an edge counts: 1 near the point of reflection, 0 far from it, smooth in between.
 
@@ -89,8 +96,7 @@ def edge_share(distance: wp.float64, width: wp.float64) -> wp.float64:
     `width` of the surface are Fresnel coordinates. `mmw.physics.em.finite_surfaces.edge_share` is the same function.
     """
     scaled = distance / (wp.float64(1.0) + LOBE / wp.max(width, wp.float64(1e-9)))
-    t = wp.clamp((FAR_EDGE - scaled) / (FAR_EDGE - NEAR_EDGE), wp.float64(0.0), wp.float64(1.0))
-    return t * t * (wp.float64(3.0) - wp.float64(2.0) * t)
+    return smooth_step(scaled, FAR_EDGE, NEAR_EDGE)
 
 
 @wp.func
@@ -247,8 +253,7 @@ def beside_surface(
             touched = begin + along * (end - begin) / length + INSET_M * inward
     if edge_share(nearest, scale * outlines.width[outline]) == wp.float64(0.0):
         return wp.vec4d()
-    if carrier < pose.shape[1]:
-        touched = wp.transform_point(pose[batch_index, carrier], touched)
+    touched = from_carrier(touched, pose, batch_index, carrier)
     return wp.vec4d(touched[0], touched[1], touched[2], wp.float64(1.0))
 
 

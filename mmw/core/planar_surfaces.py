@@ -133,6 +133,11 @@ def _neighbors(faces: np.ndarray, object_id: np.ndarray, material: np.ndarray) -
     return one[keep], two[keep]
 
 
+def sums_by_row(row: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
+    """Return sums of values that belong to the same of `count` rows, shapes [N] and [N, K] -> [count, K]."""
+    return np.stack([np.bincount(row, own, count) for own in values.T], axis=1)
+
+
 def components(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Return the lowest index of the connected component of every node of an undirected graph, shape [count]."""
     label = np.arange(count)
@@ -172,13 +177,13 @@ def _plane_fit(
     np.maximum.at(largest, group, area)
     total = np.bincount(group, area, count)
     centre = (corners[:, 0] + corners[:, 1] + corners[:, 2]) / 3.0
-    mean = np.stack([np.bincount(group, area * centre[:, k], count) / total for k in range(3)], axis=1)
+    mean = sums_by_row(group, area[:, None] * centre, count) / total[:, None]
     away = np.linalg.norm(centre - mean[group], axis=1)
     away[area < 0.5 * largest[group]] = np.inf  # the normal of a small face is inaccurate
     order = np.lexsort((away, group))
     middle = order[np.searchsorted(group[order], np.arange(count))]
     turned = np.where(np.einsum("fx,fx->f", normal, normal[middle[group]])[:, None] < 0.0, -normal, normal)
-    mean_normal = np.stack([np.bincount(group, area * turned[:, k], count) for k in range(3)], axis=1)
+    mean_normal = sums_by_row(group, area[:, None] * turned, count)
     mean_normal /= np.linalg.norm(mean_normal, axis=1, keepdims=True)
     off_mean = _plane_distance(corners, mean[group], mean_normal[group], face) > PLANE_M
     fits = _plane_distance(corners, centre[middle[group]], normal[middle[group]], face) <= PLANE_M

@@ -3,6 +3,7 @@
 import numpy as np
 import warp as wp
 
+from mmw.core.planar_surfaces import sums_by_row
 from mmw.kernels.channel.curvature import smooth_curvature_kernel
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.mesh_edges import MeshEdges
@@ -18,7 +19,9 @@ GRID_CELLS = 128
 """Cells of the hash grid along each axis."""
 
 
-def corner_curvatures(mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, normal: np.ndarray) -> np.ndarray:
+def corner_curvatures(
+    mesh: MeshEdges, own: np.ndarray, meeting: np.ndarray, group: np.ndarray, normal: np.ndarray
+) -> np.ndarray:
     """Return the curvature at the corners of faces of curved surfaces [1/m], shape [n, 3, 3, 3].
 
     The curvature of a face is the change of the normals between its corners over their distances. At a corner it is the
@@ -28,7 +31,8 @@ def corner_curvatures(mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, nor
     Args:
         mesh: Edges of the mesh.
         own: The faces, shape [n].
-        of_face: Curved surface of each face of the mesh.
+        meeting: Vertex of a curved surface at their corners, from 0 on, shape [n, 3].
+        group: Curved surface of each, shape [n].
         normal: Unit normals at their corners, shape [n, 3, 3].
 
     Source: S. Rusinkiewicz, Estimating curvatures and their derivatives on triangle meshes, 3DPVT 2004.
@@ -46,19 +50,16 @@ def corner_curvatures(mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, nor
     bend = np.where(is_wide[:, None, None], rise @ np.linalg.inv(np.where(is_wide[:, None, None], run, np.eye(2))), 0.0)
     plane = np.stack([x, y], axis=2)
     of_faces = plane @ (0.5 * (bend + bend.swapaxes(1, 2))) @ plane.swapaxes(1, 2)
-    key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3)])
-    meeting, at, of_corner = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    of_corner = of_corner.reshape(-1)
+    at = np.unique(meeting, return_index=True)[1]  # a corner at each vertex
     area = np.repeat(np.where(is_wide, 0.5 * doubled, 0.0), 3)
     turned = turn_curvature(np.repeat(of_faces, 3, axis=0), np.repeat(up, 3, axis=0), normal.reshape(-1, 3))
-    total = np.stack(
-        [np.bincount(of_corner, area * turned[:, i, j], len(meeting)) for i in range(3) for j in range(3)], axis=1
-    ).reshape(-1, 3, 3)
+    of_corner = meeting.reshape(-1)
+    total = sums_by_row(of_corner, area[:, None] * turned.reshape(-1, 9), len(at)).reshape(-1, 3, 3)
     point, unit = mesh.corner[own].reshape(-1, 3)[at], normal.reshape(-1, 3)[at]
-    mean = _smoothed(point, unit, meeting[:, 1], np.bincount(of_corner, area, len(meeting)), total)
+    mean = _smoothed(point, unit, np.repeat(group, 3)[at], np.bincount(of_corner, area, len(at)), total)
     share, direction = np.linalg.eigh(0.5 * (mean + mean.swapaxes(1, 2)))
     mean = (direction * np.maximum(share, 0.0)[:, None]) @ direction.swapaxes(1, 2)
-    return mean[of_corner].reshape(-1, 3, 3, 3)
+    return mean[meeting]
 
 
 def _smoothed(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mmw.channel.path_solver.curvature import turn_curvature
+from mmw.core.planar_surfaces import sums_by_row
 from mmw.physics.em.vectors import dot, norm
 
 REACH_M = 3.0
@@ -37,15 +38,12 @@ class Extension:
     """Edge of the outline, shape [N]."""
 
 
-def extend(
-    end: np.ndarray, vertex: np.ndarray, group: np.ndarray, facing: np.ndarray, normal: np.ndarray, bend: np.ndarray
-) -> Extension:
+def extend(end: np.ndarray, vertex: np.ndarray, facing: np.ndarray, normal: np.ndarray, bend: np.ndarray) -> Extension:
     """Return the triangles beyond the edges of outlines.
 
     Args:
         end: Both ends of each edge, counter-clockwise seen from outside [m], shape [E, 2, 3].
-        vertex: Number of the vertex at each end, shape [E, 2].
-        group: Curved surface of each edge, shape [E].
+        vertex: Vertex of a curved surface at each end, shape [E, 2].
         facing: Outward unit normal of the facet at each edge, shape [E, 3].
         normal: Unit normal of the curved surface at each end, shape [E, 2, 3].
         bend: Its curvature there [1/m], shape [E, 2, 3, 3].
@@ -53,10 +51,8 @@ def extend(
     count = len(end)
     own = np.cross(end[:, 1] - end[:, 0], facing)
     own /= np.maximum(norm(own), 1e-300)[:, None]
-    _, place = np.unique(np.column_stack([np.repeat(group, 2), vertex.reshape(-1)]), axis=0, return_inverse=True)
-    place = place.reshape(-1)
-    both = np.repeat(own, 2, axis=0)
-    total = np.stack([np.bincount(place, both[:, k], place.max(initial=-1) + 1) for k in range(3)], axis=1)[place]
+    place, both = vertex.reshape(-1), np.repeat(own, 2, axis=0)
+    total = sums_by_row(place, both, int(place.max(initial=-1)) + 1)[place]
     n, k = normal.reshape(-1, 3), bend.reshape(-1, 3, 3)
     out = _across(total, n)
     out = np.where((dot(out, both) < SPLIT_COSINE)[:, None], _across(both, n), out)

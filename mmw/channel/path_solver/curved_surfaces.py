@@ -13,7 +13,7 @@ import warp as wp
 
 from mmw.channel.path_solver.curvature import corner_curvatures
 from mmw.channel.path_solver.curved_extension import extend
-from mmw.core.planar_surfaces import components
+from mmw.core.planar_surfaces import components, sums_by_row
 from mmw.kernels.channel.curved_surfaces import CurvedFacets
 from mmw.physics.em.finite_surfaces import WEAKEST_CURVED_SHARE
 from mmw.physics.em.vectors import dot, norm
@@ -110,7 +110,7 @@ def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> 
     face_area = 0.5 * norm(doubled)
     area = np.bincount(surface, face_area, count)
     whole = np.maximum(area, 1e-300)[:, None]
-    center = _sums(surface, mesh.corner.mean(axis=1) * face_area[:, None], count) / whole
+    center = sums_by_row(surface, mesh.corner.mean(axis=1) * face_area[:, None], count) / whole
     one, two, bend = _smooth_pairs(mesh, surface, object_id)
     is_arc = _lies_on_arc(mesh, surface, center, one, two, bend)
     of_one, of_two = surface[mesh.face[one]], surface[mesh.face[two]]
@@ -125,7 +125,9 @@ def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> 
     of_face = np.where(mesh.has_area, group[surface], -1)
     own = np.flatnonzero(of_face >= 0)
     own = own[np.argsort(surface[own], kind="stable")]  # the order in which values are summed
-    normal = _corner_normals(mesh, own, of_face, panel[surface], np.bincount(panel, area, count))
+    vertices = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3)])
+    meeting = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1, 3)
+    normal = _corner_normals(mesh, own, meeting, panel[surface], np.bincount(panel, area, count))
     half, edge_group = _outlines(mesh, of_face)
     order = np.argsort(edge_group, kind="stable")
     half, edge_group = half[order], edge_group[order]
@@ -137,10 +139,10 @@ def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> 
     place[own] = np.arange(len(own))
     row = place[mesh.face[half]][:, None]
     at = np.argmax(mesh.welded[own[row]] == vertex[..., None], axis=2)
-    normal = _turned_at_outlines(mesh, own, of_face, normal, half, center[surface[mesh.face[half]]], row[:, 0], at)
-    curvature = corner_curvatures(mesh, own, of_face, normal)
+    normal = _turned_at_outlines(mesh, meeting, normal, half, center[surface[mesh.face[half]]], row[:, 0], at)
+    curvature = corner_curvatures(mesh, own, meeting, of_face[own], normal)
     ends, end_normal = mesh.points[vertex], normal[row, at]
-    beyond = extend(ends, vertex, edge_group, facing, end_normal, curvature[row, at])
+    beyond = extend(ends, meeting[row, at], facing, end_normal, curvature[row, at])
     return CurvedPart(
         group=group,
         face=np.concatenate([own, mesh.face[half][beyond.edge]]),
@@ -174,11 +176,6 @@ def _no_curved(count: int) -> CurvedPart:
         facing=points,
         end_normal=np.zeros((0, 2, 3)),
     )
-
-
-def _sums(row: np.ndarray, values: np.ndarray, count: int) -> np.ndarray:
-    """Return sums of rows of numbers, shape [count, K]."""
-    return np.stack([np.bincount(row, own, count) for own in values.T], axis=1)
 
 
 def _smooth_pairs(
@@ -215,7 +212,7 @@ def _lies_on_arc(
 
 
 def _corner_normals(
-    mesh: MeshEdges, own: np.ndarray, of_face: np.ndarray, panel: np.ndarray, area: np.ndarray
+    mesh: MeshEdges, own: np.ndarray, meeting: np.ndarray, panel: np.ndarray, area: np.ndarray
 ) -> np.ndarray:
     """Return the unit normal at the corners of faces of curved surfaces, shape [n, 3, 3].
 
@@ -226,7 +223,7 @@ def _corner_normals(
     Args:
         mesh: Edges of the mesh.
         own: The faces, shape [n].
-        of_face: Curved surface of each face of the mesh.
+        meeting: Vertex of a curved surface at their corners, shape [n, 3].
         panel: Panel of each face of the mesh: faces that bend little from one to the next.
         area: Area of each panel [m^2].
 
@@ -236,20 +233,20 @@ def _corner_normals(
     corner = mesh.corner[own]
     to_next, to_last = np.roll(corner, -1, axis=1) - corner, np.roll(corner, 1, axis=1) - corner
     angle = np.arctan2(np.linalg.norm(np.cross(to_next, to_last), axis=2), (to_next * to_last).sum(axis=2))
-    key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3), np.repeat(panel[own], 3)])
+    key = np.column_stack([meeting.reshape(-1), np.repeat(panel[own], 3)])
     sheet, of_corner = np.unique(key, axis=0, return_inverse=True)
-    normal = _sums(of_corner.reshape(-1), (mesh.normal[own][:, None] * angle[..., None]).reshape(-1, 3), len(sheet))
+    normal = sums_by_row(
+        of_corner.reshape(-1), (mesh.normal[own][:, None] * angle[..., None]).reshape(-1, 3), len(sheet)
+    )
     normal /= np.maximum(norm(normal), 1e-300)[:, None]
-    meeting, of_sheet = np.unique(sheet[:, :2], axis=0, return_inverse=True)
-    total = _sums(of_sheet.reshape(-1), normal * area[sheet[:, 2]][:, None], len(meeting))
+    total = sums_by_row(sheet[:, 0], normal * area[sheet[:, 1]][:, None], int(meeting.max()) + 1)
     total /= np.maximum(norm(total), 1e-300)[:, None]
-    return total[of_sheet.reshape(-1)[of_corner.reshape(-1)]].reshape(-1, 3, 3)
+    return total[meeting]
 
 
 def _turned_at_outlines(
     mesh: MeshEdges,
-    own: np.ndarray,
-    of_face: np.ndarray,
+    meeting: np.ndarray,
     normal: np.ndarray,
     half: np.ndarray,
     center: np.ndarray,
@@ -261,12 +258,11 @@ def _turned_at_outlines(
 
     Args:
         mesh: Edges of the mesh.
-        own: The faces, shape [n].
-        of_face: Curved surface of each face of the mesh.
-        normal: Unit normals at their corners, shape [n, 3, 3].
+        meeting: Vertex of a curved surface at the corners of faces, shape [n, 3].
+        normal: Unit normals there, shape [n, 3, 3].
         half: Half-edges of the outlines, shape [E].
         center: Middle of the flat surface at each [m], shape [E, 3].
-        row: Face at each, a row of `own`, shape [E].
+        row: Face at each, a row of `meeting`, shape [E].
         at: Corner of that face at both ends of each, shape [E, 2].
     """
     out = mesh.out_of_face(half)
@@ -274,14 +270,12 @@ def _turned_at_outlines(
     turn = -dot(normal[row, 3 - at.sum(axis=1)], out)
     share = dot(begin - center, out) / np.maximum(dot(center - far, out), 1e-12)
     turn = np.clip(turn * np.clip(share, 0.0, 1.0), 0.0, np.sin(0.5 * MAX_BEND_RAD))
-    key = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3)])
-    meeting, of_corner = np.unique(key, axis=0, return_inverse=True)
-    ends = of_corner.reshape(-1, 3)[row[:, None], at].reshape(-1)
+    count, ends = int(meeting.max()) + 1, meeting[row[:, None], at].reshape(-1)
     out, turn = np.repeat(out, 2, axis=0), np.repeat(turn, 2)
-    across = _sums(ends, (out[:, :, None] * out[:, None]).reshape(-1, 9), len(meeting)).reshape(-1, 3, 3)
-    total = _sums(ends, turn[:, None] * out, len(meeting))
+    across = sums_by_row(ends, (out[:, :, None] * out[:, None]).reshape(-1, 9), count).reshape(-1, 3, 3)
+    total = sums_by_row(ends, turn[:, None] * out, count)
     turned = np.einsum("vij,vj->vi", np.linalg.pinv(across, rcond=0.1, hermitian=True), total)  # fits all edges best
-    normal = normal + turned[of_corner.reshape(-1)].reshape(-1, 3, 3)
+    normal = normal + turned[meeting]
     return normal / np.linalg.norm(normal, axis=2)[..., None]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.planar_surfaces import sums_by_row
 from mmw.core.transforms import cross
 from mmw.kernels.channel.edge_integral import NODES
 from mmw.kernels.channel.finite_surfaces import Outlines, lies_on_kernel
@@ -142,7 +143,7 @@ def _widths(triangle: np.ndarray, group: np.ndarray, area: np.ndarray, size: np.
         size: Area of each group [m^2], shape [G].
     """
     count, whole = len(size), np.maximum(size, 1e-12)
-    center = np.stack([np.bincount(group, area * triangle[:, :, k].mean(axis=1), count) for k in range(3)], axis=1)
+    center = sums_by_row(group, area[:, None] * triangle.mean(axis=1), count)
     offset = triangle - (center / whole[:, None])[group, None]
     corners = np.concatenate([offset, 3.0 * offset.mean(axis=1, keepdims=True)], axis=1)
     moment = np.empty(
