@@ -98,9 +98,13 @@ def scatter_kernel(
     """Follow each ray and write its hits: surface, exact point, normal against the ray, and how it goes on.
 
     It goes on as a mirror reflection, through the slab where bit k of `passes` is set for its k-th surface, or not at
-    all. The outputs have a row a source, ray and interaction, surface -1 from where a ray hits nothing. `origin` is the
-    world position of the scene frame's origin; `start` is in the world frame [m]. Launch: dim=(A, ray_count),
-    block_dim=64.
+    all. The outputs have a row a source, ray and interaction; `surface_out` starts as -1, which stays from where a ray
+    hits nothing. `origin` is the world position of the scene frame's origin; `start` is in the world frame [m]. Launch:
+    dim=(A, ray_count), block_dim=64.
+
+    Nothing follows the loop over the hits. On an H100, code behind it ran for some threads of a warp while others were
+    still in the loop, and loaded uniform registers that the compiler (NVRTC of Warp 1.19) had given to the loop: its
+    addresses were wrong then.
     """
     source, ray = wp.tid()
     depth = surface_out.shape[2]
@@ -129,9 +133,6 @@ def scatter_kernel(
                 direction = wp.normalize(direction - wp.float64(2.0) * wp.dot(hit.normal, direction) * hit.normal)
                 begin = vertex + lift * hit.normal
             hit_count = hit_count + 1
-    while hit_count < depth:
-        surface_out[source, ray, hit_count] = MISS_ID
-        hit_count = hit_count + 1
 
 
 @wp.kernel

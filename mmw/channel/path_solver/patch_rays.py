@@ -35,7 +35,8 @@ def trace_rays(search: Search, sources: Sources, rays: int, depth: int, passes: 
     """
     scene, config = search.scene, search.config
     device, shape = scene.device, (len(sources), rays, depth)
-    kind, surface = (wp.zeros(shape, dtype=wp.int32, device=device) for _ in range(2))
+    kind = wp.zeros(shape, dtype=wp.int32, device=device)
+    surface = wp.full(shape, structs.MISS_ID, dtype=wp.int32, device=device)
     point, normal = (wp.zeros(shape, dtype=wp.vec3d, device=device) for _ in range(2))
     wp.launch(
         scatter_kernel,

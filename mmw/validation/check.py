@@ -1,0 +1,84 @@
+"""Describe one comparison with a published number."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+SEEN = ("document", "abstract", "other code", "citation")
+"""How the number of a source was checked: in the document itself, in its abstract, in the code of another project that
+implements it, or only as other documents cite it."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A document that a reference value is from."""
+
+    title: str
+    """Authors or body, and title: `ITU-R P.1411-12`."""
+    place: str
+    """Section, table, equation or figure."""
+    link: str
+    """Address or DOI."""
+    seen: str
+    """How the number was checked, one of `SEEN`."""
+
+    def __post_init__(self) -> None:
+        """Check the words."""
+        if self.seen not in SEEN:
+            raise ValueError(f"source {self.title!r}: seen = {self.seen!r}; choose one of {', '.join(SEEN)}")
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Result of the computation of a check."""
+
+    value: float
+    """The number that is compared, in the unit of the check."""
+    detail: str = ""
+    """More to know: number of samples, spread, other values."""
+    draw: Callable[[Any], None] | None = None
+    """Function that draws a figure on axes of Matplotlib, beside the published values."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """A number that the simulator computes, and the published one that it has to agree with."""
+
+    name: str
+    """Topic and row, such as `radio.foliage_28ghz`."""
+    title: str
+    """The comparison for people: `Loss through a crown of 5 m at 28 GHz`."""
+    computed: str
+    """How the simulator gets its number: scene, solver, preset, averages."""
+    unit: str
+    """Unit of all numbers, empty for a ratio."""
+    reference: float
+    """Published value."""
+    low: float
+    """Smallest value that agrees."""
+    high: float
+    """Largest value that agrees."""
+    tolerance: str
+    """Reason of the range: spread of the measurements, accuracy of the model, limit of a standard."""
+    sources: tuple[Source, ...]
+    """Documents that the reference is from."""
+    measure: Callable[[str], Measurement]
+    """Function of a Warp device that computes the number."""
+    known_red: str = ""
+    """Why it does not agree and what would mend it; empty for a check that has to be green."""
+    is_long: bool = False
+    """Whether it needs minutes or a GPU, so that only `mmw validate --full` runs it."""
+
+    def __post_init__(self) -> None:
+        """Check that the row can be right and can fail."""
+        if not self.low <= self.reference <= self.high:
+            raise ValueError(f"check {self.name}: reference {self.reference:g} is not in {self.low:g} to {self.high:g}")
+        if not self.sources:
+            raise ValueError(f"check {self.name}: no source")
+        if "." not in self.name:
+            raise ValueError(f"check {self.name}: a name has a topic and a row, such as radio.foliage_28ghz")
+
+    @property
+    def topic(self) -> str:
+        """The first part of the name."""
+        return self.name.partition(".")[0]

@@ -1,0 +1,1 @@
+"""Hold the rows of each topic, in `CHECKS`."""
