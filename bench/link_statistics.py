@@ -28,6 +28,7 @@ from mmw.channel.path_table import SAMPLE_COLUMNS, CarrierPaths, rows_from_paths
 from mmw.channel.path_tracks import LINK_NAMES, PathTracks, tracks_from_rows
 from mmw.channel.paths import LOS_STATES, PATH_DIFFUSE, PathSet
 from mmw.channel.track_statistics import continues_old_path, level_steps_db, median_lifetime, survival
+from mmw.config import ChannelConfig
 from mmw.config.physics_presets import PHYSICS_PRESETS
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.interaction import SPECULAR
@@ -48,7 +49,10 @@ JUMP_DB = 3.0
 """Change of the level of one path from frame to frame that counts as a jump [dB]."""
 
 RANGE_DB = 40.0
-"""Paths weaker than the strongest of their link by more do not count among the lives [dB]: the range of the presets."""
+"""Births and steps of paths weaker than the strongest of their link by more do not count [dB]: the range of presets."""
+
+BELOW_DB = 15.0
+"""Lives are those of paths that are weaker by up to this more [dB]: a path that comes above the range is not born."""
 
 STRONG_DB = 20.0
 """Paths within this of the strongest of their link are strong [dB]."""
@@ -64,28 +68,32 @@ DIGITS = 4
 def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray, rate_hz: int) -> Record:
     """Return how paths live over successive frames.
 
-    Diffuse ones, which exist in one frame each, are left out, and paths far below the strongest of their link, which a
-    dataset has because they count at another carrier.
+    Diffuse ones, which exist in one frame each, are left out. Births count of paths within `RANGE_DB` of the strongest
+    of their link, steps where both levels are. A path that a birth continues was within `BELOW_DB` more.
 
     Args:
-        paths: Paths of one carrier.
+        paths: Paths of one carrier, weaker ones too where a preset leaves them out.
         path_id: Identifier of each, shape [P].
         is_diffuse: Whether each is diffuse, shape [P].
         rate_hz: Frames a second.
     """
-    level = np.abs(paths.a)
     strongest = np.zeros(paths.link_count)
-    np.maximum.at(strongest, paths.link, level)
-    kept = np.flatnonzero(~is_diffuse & (level > 10.0 ** (-RANGE_DB / 20.0) * strongest[paths.link]))
+    np.maximum.at(strongest, paths.link, np.abs(paths.a))
+    kept = np.flatnonzero(~is_diffuse)
     columns = {name: getattr(paths, name)[kept] for name in SAMPLE_COLUMNS}
     own = replace(paths, link=paths.link[kept], **columns)
     tracks = tracks_from_rows(own, path_id[kept], rate_hz=rate_hz)
+    relative = np.abs(tracks_from_rows(replace(own, a=own.a / strongest[own.link]), path_id[kept], rate_hz=rate_hz).a)
+    begin, end = tracks.offset[:-1], tracks.offset[1:] - 1
     births = tracks.is_birth & ~_begins_with_link(tracks, paths)
-    relative = tracks_from_rows(replace(own, a=own.a / strongest[own.link]), path_id[kept], rate_hz=rate_hz)
-    is_strong = np.abs(relative.a) > 10.0 ** (-STRONG_DB / 20.0)
-    ends = (births & is_strong[tracks.offset[:-1]]).sum() + (tracks.is_death & is_strong[tracks.offset[1:] - 1]).sum()
+    is_strong = relative > 10.0 ** (-STRONG_DB / 20.0)
+    ends = (births & is_strong[begin]).sum() + (tracks.is_death & is_strong[end]).sum()
+    is_heard = relative > 10.0 ** (-RANGE_DB / 20.0)
+    births &= is_heard[begin]
     same_s = SAME_LENGTH_M_S / rate_hz / SPEED_OF_LIGHT
-    steps = np.abs(level_steps_db(tracks))
+    is_step = np.ones(max(len(relative) - 1, 0), dtype=bool)
+    is_step[begin[1:] - 1] = False
+    steps = np.abs(level_steps_db(tracks))[(is_heard[:-1] & is_heard[1:])[is_step]]
     survivors = survival(tracks, births)
     return {
         "births": int(births.sum()),
@@ -150,13 +158,14 @@ def pole_levels(data: SceneData, paths: PathSet, carrier: int) -> np.ndarray:
     return 20.0 * np.log10(np.maximum(level / free, 1e-12))
 
 
-def statistics_of(data: SceneData, links: Links, paths: PathSet, rate_hz: int) -> list[Record]:
+def statistics_of(data: SceneData, links: Links, paths: PathSet, wide: PathSet, rate_hz: int) -> list[Record]:
     """Return the statistics of links at each carrier.
 
     Args:
         data: The scene.
         links: Links of successive frames.
         paths: Their paths.
+        wide: These and weaker ones, whose lives count.
         rate_hz: Frames a second.
     """
     state = paths.los_state(WEATHER)
@@ -164,7 +173,7 @@ def statistics_of(data: SceneData, links: Links, paths: PathSet, rate_hz: int) -
     has_sight = state != LOS_STATES.index("blocked")
     out = []
     for number, carrier in enumerate(paths.carriers_hz):
-        rows = rows_from_paths(links, paths, WEATHER, carrier)
+        rows, all_rows = (rows_from_paths(links, own, WEATHER, carrier) for own in (paths, wide))
         poles = pole_levels(data, paths, number)
         out.append(
             {
@@ -173,7 +182,7 @@ def statistics_of(data: SceneData, links: Links, paths: PathSet, rate_hz: int) -
                 "without_path": float((paths.count == 0).mean()),
                 **shares,
                 "distance_m": float(np.median(np.linalg.norm((links.rx.position - links.tx.position)[:, :2], axis=1))),
-                **lives(rows, paths.path_id, paths.kind == PATH_DIFFUSE, rate_hz),
+                **lives(all_rows, wide.path_id, wide.kind == PATH_DIFFUSE, rate_hz),
                 "los": dispersion(rows.take(has_sight)),
                 "nlos": dispersion(rows.take(~has_sight)),
                 "pole_paths": len(poles),
@@ -211,11 +220,18 @@ def measure(scenario: str, physics: str, length: int, bursts: int, device: str, 
     config = whole.channel
     links = make_links(data, frames, config)
     table = make_surface_table(on_device, **config.surface_options)
+
+    def solve(own: ChannelConfig) -> PathSet:
+        return solve_paths(on_device, links, own, data.materials, table, air=scene.weathers)
+
     began = time.perf_counter()
-    paths = solve_paths(on_device, links, config, data.materials, table, air=scene.weathers)
+    paths = solve(config)
     head = {"scenario": scenario, "physics": physics, "rate_hz": rate_hz, "frames": length, "bursts": bursts}
     seconds = {"solve_s": time.perf_counter() - began}
-    return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths, rate_hz)]
+    wide = paths
+    if config.dynamic_range_db is not None and not config.diffuse_reflection:
+        wide = solve(config.model_copy(update={"dynamic_range_db": config.dynamic_range_db + BELOW_DB}))
+    return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths, wide, rate_hz)]
 
 
 def _plain(value: Any) -> Any:
