@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.link_statistics import JUMP_DB, PERCENTILES, RANGE_DB, SAME_LENGTH_M_S, SAME_WAVE_RAD, STRONG_DB
+from bench.link_statistics import BELOW_DB, JUMP_DB, PERCENTILES, RANGE_DB, SAME_LENGTH_M_S, SAME_WAVE_RAD, STRONG_DB
 from mmw.channel.tr38901 import LogNormal, street_canyon
 from mmw.config.physics_presets import PHYSICS_PRESETS
 
@@ -44,14 +44,13 @@ python -m bench.link_statistics_page
 The first command replaces only what it measures (`--scenarios`, `--physics`, `--rate-hz`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
 
 - Paths count as resolved: powers add. A link of one frame is a link-frame.
-- Rows of `standard` and `full` at 100 frames a second are from before reflections went on beyond the outlines of curved surfaces.
 - Cells with three numbers are the median and, in parentheses, the {PERCENTILES[0]}th and {PERCENTILES[2]}th percentile.
 """  # noqa: E501
 
 LIVES = f"""
 ## Lives of paths
 
-Identifiers `path_id` over successive frames, without diffuse paths and those more than {RANGE_DB:g} dB below the strongest of their link.
+Identifiers `path_id` over successive frames, without diffuse paths. Births and jumps count within {RANGE_DB:g} dB of the strongest path of the link. Lives are those of paths of which the preset leaves out the weakest: `standard` was traced to {RANGE_DB + BELOW_DB:g} dB for them, so a path that crosses {RANGE_DB:g} dB is not born.
 
 - **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, share where a path of nearly the same length (within {SAME_LENGTH_M_S / RATE_HZ:g} m) ended there; **one wave**: and of the same directions (within {np.degrees(SAME_WAVE_RAD):.2g} deg)
 - **life**: median lifetime after a birth by the estimator of Kaplan and Meier, which counts paths that outlast the recording; **one frame**: share of lives that end after their first frame
