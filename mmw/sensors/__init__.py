@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from mmw.sensors.imu.simulate import ImuSample
     from mmw.sensors.lidar.config import Lidar
     from mmw.sensors.lidar.points import PointCloud
+    from mmw.sensors.radar.bouncing_rays import smooth_cross_section
     from mmw.sensors.radar.config import Radar
+    from mmw.sensors.radar.cross_section import radar_cross_section
     from mmw.sensors.radar.points import RadarMaps, RadarPoints
     from mmw.sensors.rgb.config import RgbCamera
     from mmw.sensors.rgb.simulate import RgbImage
@@ -32,7 +34,7 @@ __all__ = [
     "F32", "F64", "I32", "NAME", "SENSORS", "Boxes2d", "Camera", "DepthCamera", "DepthImage", "Estimate", "Gnss",
     "GnssSample", "Imu", "ImuSample", "Lidar", "Modality", "MountConfig", "PointCloud", "PointSamples", "Radar",
     "RadarMaps", "RadarPoints", "RgbCamera", "RgbImage", "Samples", "SensorConfig", "SensorInput", "SensorSpec",
-    "column", "register_sensor", "sensor_table",
+    "column", "radar_cross_section", "register_sensor", "sensor_table", "smooth_cross_section",
 ]  # fmt: skip
 
 _HOME = {
@@ -50,6 +52,8 @@ _HOME = {
     "Lidar": "mmw.sensors.lidar.config",
     "PointCloud": "mmw.sensors.lidar.points",
     "Radar": "mmw.sensors.radar.config",
+    "radar_cross_section": "mmw.sensors.radar.cross_section",
+    "smooth_cross_section": "mmw.sensors.radar.bouncing_rays",
     **dict.fromkeys(("RadarMaps", "RadarPoints"), "mmw.sensors.radar.points"),
     "RgbCamera": "mmw.sensors.rgb.config",
     "RgbImage": "mmw.sensors.rgb.simulate",

@@ -16,7 +16,7 @@ from tests.fixtures.small_dataset import small_dataset
 
 MODULES = [
     "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.dataset", "mmw.dataset.camera_geometry",
-    "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots", "mmw.physics.materials",
+    "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots", "mmw.physics.materials", "mmw.sensors",
     "mmw.viz.scene_view",
 ]  # fmt: skip
 """Public modules that have examples, besides `mmw`."""
