@@ -12,7 +12,8 @@ from mmw.core.resources import assets_dir
 from mmw.physics.em.surface_response import material_response
 from mmw.physics.materials.material import RadioMaterial
 from mmw.sensors import radar_cross_section, smooth_cross_section
-from tests.fixtures.targets import ball, dihedral, load_target, plate, trihedral
+from mmw.validation.targets import ball, dihedral, plate, trihedral
+from tests.fixtures.targets import load_target
 
 SIDE = 0.15
 """Edge of the targets [m]: 5 to 38 wavelengths."""

@@ -11,7 +11,8 @@ from mmw.core.resources import assets_dir
 from mmw.physics.weather.weather import Weather
 from mmw.sensors import radar_cross_section
 from mmw.sensors.radar.reflectivity import ROUGHNESS, normal_reflection
-from tests.fixtures.targets import ball, load_target
+from mmw.validation.targets import ball
+from tests.fixtures.targets import load_target
 
 AROUND = np.radians(np.arange(0.0, 360.0, 10.0))
 
