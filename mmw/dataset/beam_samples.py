@@ -14,6 +14,8 @@ from mmw.core.errors import InputError
 from mmw.dataset.beams import PORTION, BeamSearch
 from mmw.dataset.dataset import Dataset, open_dataset
 
+__all__ = ["BeamSamples", "link_samples"]
+
 
 @dataclass(frozen=True, eq=False)
 class BeamSamples:

@@ -17,6 +17,8 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.dataset.beam_samples import BeamSamples
 
+__all__ = ["PUBLISHED", "read_deepsense"]
+
 POWER, BASE, SEQUENCE, PICTURE = "unit1_pwr_60ghz", "unit1_loc", "seq_index", "unit1_rgb"
 USER = ("unit2_loc_cal", "unit2_loc")
 """Columns of the user's position, the better first: scenarios 3, 4, 8 and 9 have corrected positions as well."""

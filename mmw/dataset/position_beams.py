@@ -17,6 +17,8 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.dataset.beam_samples import BeamSamples
 
+__all__ = ["BeamAccuracy", "look_up_table", "nearest_neighbors", "score_positions"]
+
 TOP = (1, 2, 3)
 """k of the top-k accuracies."""
 

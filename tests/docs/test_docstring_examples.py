@@ -15,9 +15,9 @@ from mmw.scene.reader import read_stage
 from tests.fixtures.small_dataset import small_dataset
 
 MODULES = [
-    "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.dataset", "mmw.dataset.camera_geometry",
-    "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots", "mmw.physics.materials", "mmw.sensors",
-    "mmw.viz.scene_view",
+    "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.dataset", "mmw.dataset.beam_samples",
+    "mmw.dataset.camera_geometry", "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots",
+    "mmw.physics.materials", "mmw.sensors", "mmw.viz.scene_view",
 ]  # fmt: skip
 """Public modules that have examples, besides `mmw`."""
 

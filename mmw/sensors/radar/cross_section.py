@@ -13,7 +13,7 @@ FAR_RADII = 100.0
 0.09 dB. Design value."""
 
 MAX_DISTANCE_M = 900.0
-"""Largest distance, which the range of `Radar` allows for bodies of up to 90 m [m]."""
+"""Largest distance [m]: the rays of `Radar` end at 1,000 m. Bodies may be 18 m wide."""
 
 MARGIN = 1.02
 """Field of view over the angle that the body fills."""
