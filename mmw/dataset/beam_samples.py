@@ -14,7 +14,7 @@ from mmw.core.errors import InputError
 from mmw.dataset.beams import PORTION, BeamSearch
 from mmw.dataset.dataset import Dataset, open_dataset
 
-__all__ = ["BeamSamples", "link_samples"]
+__all__ = ["BeamSamples", "link_samples", "with_noise"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,8 +30,8 @@ class BeamSamples:
     position_deg: np.ndarray
     """Measured latitude and longitude of the user, shape [N, 2]."""
     power: np.ndarray
-    """Power of each beam, linear, in any unit, NaN where it was not measured, shape [N, Q]. Of links it has no noise,
-    and is that of the vehicle's best beam."""
+    """Power of each beam, linear, in any unit, NaN where it was not measured, shape [N, Q]. Of links it is that of
+    the vehicle's best beam."""
     sequence: np.ndarray
     """Drive of each sample; samples of a drive follow each other in time, shape [N], int64."""
     base_deg: np.ndarray | None = None
@@ -101,6 +101,8 @@ def link_samples(
     peer: str | None = None,
     agents: Sequence[str] | None = None,
     search: BeamSearch | None = None,
+    snr_db: float | None = None,
+    seed: int = 0,
 ) -> BeamSamples:
     """Return the samples of the links from a roadside unit to vehicles with GNSS.
 
@@ -117,6 +119,9 @@ def link_samples(
         agents: Only these vehicles.
         search: Arrays, codebooks and band; by default 16 antennas in a row and 64 beams of a DFT codebook at the unit,
             and one antenna on the vehicle, as in DeepSense 6G, whose 64 beams fan over 90 degrees only.
+        snr_db: Power of the best beam over the noise of the receiver in the median sample [dB]: every beam is measured
+            once, with complex Gaussian noise. None for powers without noise.
+        seed: Seed of the noise.
 
     Raises:
         InputError: If a table, the carrier or the roadside unit is missing, or no link has a path and a position.
@@ -161,9 +166,25 @@ def link_samples(
         a = apply_arrays(some, search.tx_array, search.rx_array, carrier_hz, *(turn[part] for turn in turns))
         h = frequency_response(a, some, band, carrier_hz, average=True, normalize_delays=True)
         power.append(beam_gains(h, *books).max(axis=1))
+    powers = np.concatenate(power)
+    if snr_db is not None:
+        powers = with_noise(powers, snr_db, np.random.default_rng(seed))
     return BeamSamples(
         scenario,
         np.array([[row["latitude_deg"], row["longitude_deg"]] for row in fix]),
-        np.concatenate(power),
+        powers,
         sequence.astype(np.int64),
     )
+
+
+def with_noise(power: np.ndarray, snr_db: float, rng: np.random.Generator) -> np.ndarray:
+    """Return powers as a receiver with one noise level measures them, |sqrt(P) + n|^2, shape [N, Q].
+
+    Args:
+        power: Powers without noise, shape [N, Q].
+        snr_db: Best beam of the median sample over noise [dB].
+        rng: Random numbers.
+    """
+    noise = np.median(power.max(axis=1)) * 10.0 ** (-snr_db / 10.0)
+    real, imaginary = rng.normal(scale=np.sqrt(noise / 2.0), size=(2, *power.shape))
+    return (np.sqrt(power) + real) ** 2 + imaginary**2

@@ -10,7 +10,7 @@ from examples.position_beams import main
 from mmw.channel import best_beams, ula
 from mmw.core.errors import InputError
 from mmw.dataset import BeamSearch
-from mmw.dataset.beam_samples import BeamSamples, link_samples
+from mmw.dataset.beam_samples import BeamSamples, link_samples, with_noise
 from mmw.dataset.position_beams import (
     BINS,
     look_up_table,
@@ -118,6 +118,20 @@ def test_samples_of_links_have_the_beams_of_a_search() -> None:
     assert best_beams(samples.power[:, None]).tx_beam.tolist() == samples.beams.tolist()
     one = link_samples(small_dataset(), scenario=SCENARIO, carrier_hz=28e9, agents=[str(beams["agent"][0])])
     assert len(np.unique(samples.sequence)) == beams["agent"].nunique() and set(one.sequence) == {0}
+
+
+def test_noise_is_that_of_a_receiver() -> None:
+    """Mean |sqrt(P) + n|^2 = P + N, deviation sqrt(2 P N + N^2); of links by the seed."""
+    power = np.full((20_000, 2), [4.0, 0.0])
+    found = with_noise(power, 6.0, np.random.default_rng(0))
+    noise = 4.0 * 10.0**-0.6
+    np.testing.assert_allclose(found.mean(axis=0), power[0] + noise, atol=5.0 * 3.0 / np.sqrt(20_000))
+    np.testing.assert_allclose(found.std(axis=0), np.sqrt(2.0 * power[0] * noise + noise**2), rtol=0.05)
+    clean, noisy, again = (
+        link_samples(small_dataset(), scenario=SCENARIO, carrier_hz=28e9, snr_db=snr_db, seed=3).power
+        for snr_db in (None, 20.0, 20.0)
+    )
+    assert (noisy == again).all() and (noisy != clean).all() and np.abs(noisy - clean).max() < clean.max()
 
 
 def test_links_that_are_not_there_are_named() -> None:
