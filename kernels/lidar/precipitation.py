@@ -55,8 +55,8 @@ class Air:
     """Ratio of the far to the near end of a step of range."""
     fog_power: wp.array[float]
     """Mean power of fog [1/m2] at n equal distances inside every step, shape [`FOG_SAMPLES` * n + 1]."""
-    fog_speckle: float
-    """Standard deviation of ln power from sample to sample."""
+    fog_noise: float
+    """Standard deviation of the receiver's noise from sample to sample [1/m2]."""
     fog_patchiness: float
     """Standard deviation of ln power from patch to patch of the fog."""
     fog_patches_per_m: float
@@ -210,10 +210,10 @@ def fog_echoes(
 ) -> Echoes:
     """Return the echoes and those of fog nearer than a surface.
 
-    The mean power of fog over range is multiplied by two log-normal factors of mean 1, one drawn for every sample
-    (speckle and shot noise), one from patches of the fog, which drift with the wind. The strongest
-    echo is the maximum of the noisy samples, so it is stronger than the maximum of the mean, in the median 1.5 times at
-    75 m of visibility: a receiver that looks for peaks in noise has the same bias.
+    The mean power of fog over range is multiplied by a log-normal factor of mean 1 from patches of the fog, which drift
+    with the wind, and the receiver's noise is added, drawn for every sample. The strongest echo is the maximum of the
+    noisy samples, so it is stronger than the maximum of the mean: a receiver that looks for peaks in noise has the same
+    bias.
 
     Samples lie anywhere in steps of the logarithm of range, whose edges differ from ray to ray, or the farthest echoes
     would form rings. They do not depend on the surface, which only hides those behind it.
@@ -222,7 +222,7 @@ def fog_echoes(
     """
     out = echoes
     entries = float((air.fog_power.shape[0] - 1) // FOG_SAMPLES)
-    mean_of_noise = 0.5 * (air.fog_speckle * air.fog_speckle + air.fog_patchiness * air.fog_patchiness)
+    mean_of_patches = 0.5 * air.fog_patchiness * air.fog_patchiness
     start = (origin - air.wind * time_s) * air.fog_patches_per_m
     step = direction * air.fog_patches_per_m
     bits = wp.vec4ui()
@@ -251,8 +251,8 @@ def fog_echoes(
         row += whole * int(entries)
         mean = wp.lerp(air.fog_power[row], air.fog_power[row + 1], entry)
         patch = patch_of(air, start + step * distance)
-        noise = air.fog_speckle * normal_of(bits[2 * odd + 1]) + air.fog_patchiness * patch - mean_of_noise
-        power = mean * wp.exp(noise)
+        power = mean * wp.exp(air.fog_patchiness * patch - mean_of_patches)
+        power += air.fog_noise * normal_of(bits[2 * odd + 1])
         if power > air.min_power:
             out = with_echo(out, power, distance, FOG)
     return out

@@ -52,6 +52,12 @@ class Detector:
     """Range noise is this over sqrt(2 SNR) [m]."""
     pulse_length: float
     """Two returns that are nearer than this cannot be told apart [m]."""
+    overlap_start: float
+    """Distance at which the receiver begins to see the beam [m]."""
+    overlap_per_m: float
+    """One over the distance in which it comes to see all of it [1/m]."""
+    overlap_exponent: float
+    """Power with which the share grows there."""
     returns: int
     """STRONGEST, LAST or DUAL."""
 
@@ -84,6 +90,13 @@ class LidarPoints:
     """Ring, label, and number of the return if there may be two, shape [2 or 3, N]."""
     time_offset: wp.array[float]
     """Time of firing after the frame's instant [s], shape [N]; empty for a still picture."""
+
+
+@wp.func
+def overlap(detector: Detector, distance: float) -> float:
+    """Return the share of the beam that the receiver sees at a distance; see `mmw.sensors.lidar.precipitation`."""
+    seen = wp.clamp((distance - detector.overlap_start) * detector.overlap_per_m, 0.0, 1.0)
+    return wp.pow(seen, detector.overlap_exponent)
 
 
 @wp.func
@@ -127,7 +140,9 @@ def physical_kernel(
     """Find the returns of every ray in one weather. Launch: dim=(A, R).
 
     `reflectance` holds each material dry and as it is in the weather, shape [2, M]. A surface sends back
-    P = rho cos(incidence) exp(-2 a R) / R^2; echoes of rain and fog before it come from `air_echoes`.
+    P = rho cos(incidence) exp(-2 a R) / R^2; echoes of rain and fog before it come from `air_echoes`. These are weighed
+    against what the receiver sees of P, as they hold its overlap themselves; whether a surface returns at all does not
+    depend on it, because sensors fire stronger pulses where near surfaces return little.
 
     Source: LiDAR equation of a Lambert target that fills the beam; for example W. Wagner, "Radiometric calibration of
     small-footprint full-waveform airborne laser scanner measurements", ISPRS J. Photogramm. 65(6), 2010.
@@ -154,7 +169,8 @@ def physical_kernel(
         time_s[view] + firing_offset(sweep, ray),
     )
     is_echo = echoes.strongest_label > 0
-    is_echo_stronger = is_echo and (echoes.strongest_power > power or not is_surface)
+    seen = power * overlap(detector, distance)
+    is_echo_stronger = is_echo and (echoes.strongest_power > seen or not is_surface)
     count = wp.int32(0)
     if detector.returns != LAST and is_echo_stronger:
         returns_out[view, ray, 0] = received(

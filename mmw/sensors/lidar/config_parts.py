@@ -24,6 +24,12 @@ class LidarOpticsConfig(Section):
         default=None, description="range where the receiver begins to see the beam [m]"
     )
     overlap_full_m: float | None = Field(default=None, description="range from which it sees all of the beam [m]")
+    overlap_exponent: float | None = Field(
+        default=None, description="power with which the share it sees grows between the two, 1 to 4 [-]"
+    )
+    threshold_snr: float | None = Field(
+        default=None, description="min_power over the standard deviation of the receiver's noise, 4 or more [-]"
+    )
     pulse_s: float | None = Field(default=None, description="half-power length of the pulse; 0: fog has no echo [s]")
     nearest_m: float | None = Field(default=None, description="nearest range of an echo of rain or fog [m]")
     range_resolution_m: float | None = Field(

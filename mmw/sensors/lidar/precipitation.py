@@ -23,9 +23,6 @@ SMALLEST_DROP_MM = 0.05
 LARGEST_DROP_MM = 8.0
 """Largest rain drop [mm]: larger ones break up. Source: Pruppacher and Klett, "Microphysics of Clouds", 1997."""
 
-SPECKLE = 0.4
-"""Standard deviation of ln power of fog from sample to sample: speckle and shot noise. Design value."""
-
 PATCHINESS = 0.4
 """Standard deviation of ln power of fog from patch to patch. Design value."""
 
@@ -33,7 +30,8 @@ PATCH_M = 2.0
 """Size of a patch of fog [m]. Design value."""
 
 NOISE_LIMIT = 4.0
-"""Standard deviations above which noise is not looked for: fog that needs more to be detected has no echo."""
+"""Standard deviations above which patches and noise are not looked for: fog that needs more to be detected has no
+echo."""
 
 RANGES = 4000
 """Ranges of the integrals, equal steps of the logarithm."""
@@ -79,16 +77,17 @@ def overlap(range_m: np.ndarray, optics: LidarOptics) -> np.ndarray:
     width = optics.overlap_full_m - optics.overlap_start_m
     if width == 0.0:
         return (range_m >= optics.overlap_full_m).astype(float)
-    return np.clip((range_m - optics.overlap_start_m) / width, 0.0, 1.0)
+    return np.clip((range_m - optics.overlap_start_m) / width, 0.0, 1.0) ** optics.overlap_exponent
 
 
 @functools.lru_cache(maxsize=64)
 def rain_table(rain_mm_h: float, optics: LidarOptics, extinction_per_m: float, range_m: float) -> RainTable | None:
     """Return the drops that a LiDAR detects, None where there are none.
 
-    A drop of diameter D at range r returns overlap Q D^2 / (4 Db^2) exp(-2 extinction r) / r^2 from a beam of diameter
-    Db = aperture + divergence r, evenly lit. Drops are many and independent, so those above a power are Poisson
-    distributed; their mean number is the integral of the drop-size distribution over the beam.
+    A drop of diameter D at range r returns Q D^2 / (4 Db^2) exp(-2 extinction r) / r^2 from a beam of diameter Db =
+    aperture + divergence r, evenly lit, if it lies in the part of the beam that the receiver sees; it returns nothing
+    from the other. Drops are many and independent, so those above a power are Poisson distributed; their mean number is
+    the integral of the drop-size distribution over the part of the beam that is seen.
 
     Args:
         rain_mm_h: Rain rate [mm/h].
@@ -104,10 +103,8 @@ def rain_table(rain_mm_h: float, optics: LidarOptics, extinction_per_m: float, r
     n0, slope = marshall_palmer(rain_mm_h)
     r = np.geomspace(optics.nearest_m, range_m, RANGES)
     beam = optics.aperture_m + optics.divergence * r
-    volume = math.pi / 4.0 * beam**2 * np.gradient(r)
-    with np.errstate(divide="ignore"):
-        mm_per_root_power = 2e3 * beam * r * np.exp(extinction_per_m * r)
-        mm_per_root_power /= np.sqrt(optics.drop_efficiency * overlap(r, optics))
+    volume = math.pi / 4.0 * beam**2 * np.gradient(r) * overlap(r, optics)
+    mm_per_root_power = 2e3 * beam * r * np.exp(extinction_per_m * r) / math.sqrt(optics.drop_efficiency)
     power_max = (LARGEST_DROP_MM / mm_per_root_power.min()) ** 2
     if power_max <= optics.min_power:
         return None
@@ -165,16 +162,16 @@ def fog_table(
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return ranges [m] and mean powers [1/m2] where fog can be detected, shapes [F]; None for nowhere.
 
-    `FOG_SAMPLES` - 1 steps of range, equal in the logarithm, go from the nearest to the farthest range at which noise
-    of up to `NOISE_LIMIT` standard deviations lifts the mean above the threshold; one more follows, in which the power
-    is 0. Each holds `FOG_ENTRIES` equal distances; F is their product and 1. See `fog_power` for the arguments.
+    `FOG_SAMPLES` - 1 steps of range, equal in the logarithm, go from the nearest to the farthest range at which a patch
+    and noise of up to `NOISE_LIMIT` standard deviations each lift the mean above the threshold; one more follows, in
+    which the power is 0. Each holds `FOG_ENTRIES` equal distances; F is their product and 1. See `fog_power` for the
+    arguments.
     """
     r = np.geomspace(optics.nearest_m, range_m, 2048)
-    deviation = math.hypot(SPECKLE, PATCHINESS)
     lifted = fog_power(r, extinction_per_m, backscatter, optics) * math.exp(
-        NOISE_LIMIT * deviation - 0.5 * deviation**2
+        NOISE_LIMIT * PATCHINESS - 0.5 * PATCHINESS**2
     )
-    above = np.flatnonzero(lifted > optics.min_power)
+    above = np.flatnonzero(lifted > optics.min_power * (1.0 - NOISE_LIMIT / optics.threshold_snr))
     if len(above) == 0:
         return None
     near, far = r[max(above[0] - 1, 0)], r[min(above[-1] + 1, len(r) - 1)]
@@ -212,12 +209,12 @@ def make_air(
     rain = rain_table(weather.rain_mm_h, optics, alpha, range_m)
     is_fog = weather.visibility_m < FOG_VISIBILITY_M
     fog = fog_table(alpha, fog_backscatter(weather, optics.wavelength_nm), optics, range_m) if is_fog else None
-    return air_from_tables(alpha, optics.min_power, rain, fog, weather.wind, patch_key, device)
+    return air_from_tables(alpha, optics, rain, fog, weather.wind, patch_key, device)
 
 
 def air_from_tables(
     extinction_per_m: float,
-    min_power: float,
+    optics: LidarOptics,
     rain: RainTable | None,
     fog: tuple[np.ndarray, np.ndarray] | None,
     wind: tuple[float, float, float],
@@ -227,7 +224,7 @@ def air_from_tables(
     """Return the kernels' struct of the tables of `rain_table` and `fog_table`; see `make_air`."""
     air = Air()
     air.extinction = extinction_per_m
-    air.min_power = min_power
+    air.min_power = optics.min_power
     if rain is not None:
         air.drops = rain.mean
         air.drops_log_low = rain.log_low
@@ -239,7 +236,7 @@ def air_from_tables(
         air.fog_from = ranges[0]
         air.fog_step = (ranges[-1] / ranges[0]) ** (1.0 / FOG_SAMPLES)
         air.fog_power = wp.array(power.astype(np.float32), dtype=float, device=device)
-        air.fog_speckle = SPECKLE
+        air.fog_noise = optics.min_power / optics.threshold_snr
         air.fog_patchiness = PATCHINESS
         air.fog_patches_per_m = 1.0 / PATCH_M
         air.fog_patch = wp.empty((PATCHES,) * 3, dtype=wp.vec2, device=device)

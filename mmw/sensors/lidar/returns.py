@@ -24,6 +24,9 @@ RETURNS = {
 }  # fmt: skip
 """`returns` of the configuration -> what the kernel takes."""
 
+BEYOND = 1e30
+"""Slope of an overlap that begins and is full at one distance [1/m]."""
+
 BLOCK_DIM = 64
 """Threads of a block that looks for echoes: rays of a block differ in length of work, and a small block waits less."""
 
@@ -116,6 +119,10 @@ def detector(config: Lidar) -> lidar_returns.Detector:
     found.kept_share = math.inf if config.detection == "absolute" else 10.0 ** (-config.detection_margin_db / 10.0)
     found.range_resolution = optics.range_resolution_m
     found.pulse_length = 0.5 * SPEED_OF_LIGHT * optics.pulse_s
+    width = optics.overlap_full_m - optics.overlap_start_m
+    found.overlap_start = optics.overlap_start_m
+    found.overlap_per_m = 1.0 / width if width > 0.0 else BEYOND
+    found.overlap_exponent = optics.overlap_exponent
     found.returns = RETURNS[config.returns]
     return found
 

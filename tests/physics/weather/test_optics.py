@@ -91,6 +91,8 @@ def test_extinctions_of_rain_and_fog_add() -> None:
         ({"aperture_m": 0.0, "divergence": 0.0}, "diameter"),
         ({"drop_backscatter": -1.0}, "drop_backscatter"),
         ({"nearest_m": 0.0}, "nearest_m"),
+        ({"overlap_exponent": 0.5}, "overlap_exponent"),
+        ({"threshold_snr": 3.0}, "threshold_snr"),
     ],
 )
 def test_wrong_optics_are_refused(changes: dict[str, float], word: str) -> None:

@@ -16,6 +16,7 @@ from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors import Lidar
 from mmw.sensors.lidar import returns as lidar_returns
+from mmw.sensors.lidar.optics import PRESETS as OPTICS
 from mmw.sensors.lidar.precipitation import RainTable, air_from_tables
 from mmw.sensors.lidar.simulate import trace_lidar_hits
 from tests.fixtures.scenes import arrays_from_parts, ground_part, two_cars, wall_part
@@ -214,7 +215,7 @@ def with_echo(monkeypatch: pytest.MonkeyPatch, power: float, extinction_per_m: f
 
     def make(weather, optics, range_m, device, patch_key):
         table = RainTable(1e9, 0.0, 1.0, np.full(4, math.log(power)), np.full((4, 4), SPOT_M))
-        return air_from_tables(extinction_per_m, optics.min_power, table, None, (0.0,) * 3, patch_key, device)
+        return air_from_tables(extinction_per_m, optics, table, None, (0.0,) * 3, patch_key, device)
 
     monkeypatch.setattr(lidar_returns, "make_air", make)
 
@@ -224,7 +225,8 @@ def square_wall(distance: float) -> tuple[SceneData, dict]:
     half = 10.0 * distance
     parts = [wall_part("wall", (distance, half), (distance, -half), 10.0)]
     arrays = plain(arrays_from_parts(parts, actors=[("rsu_1", "rsu", -1)]), 0.5)
-    pattern = {"elevations_deg": (0.0,), "points_per_channel": 1, "horizontal_fov_deg": 1e-6, "optics": FREE}
+    optics = {**FREE, "overlap_full_m": 1.0}  # the receiver sees all of the wall
+    pattern = {"elevations_deg": (0.0,), "points_per_channel": 1, "horizontal_fov_deg": 1e-6, "optics": optics}
     return arrays, pattern
 
 
@@ -277,7 +279,8 @@ def test_a_dark_wall_is_lost_in_fog_where_the_table_says(device: str, monkeypatc
             ("0.1/120^2", 0.1, 120),
         ):
             power = reflectance / reference_m**2
-            air = air_from_tables(alpha, power, None, None, (0.0, 0.0, 0.0), (0, 0), device)
+            optics = dataclasses.replace(OPTICS["hdl64"], min_power=power)
+            air = air_from_tables(alpha, optics, None, None, (0.0, 0.0, 0.0), (0, 0), device)
             monkeypatch.setattr(lidar_returns, "make_air", lambda *_, air=air: air)
             farthest = float(row[f"Rmax_10pct_m[Pmin={column}]"])
             for share, seen in ((0.99, 1), (1.01, 0)):
