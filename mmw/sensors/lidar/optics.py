@@ -95,7 +95,8 @@ PRESETS: dict[str, LidarOptics] = {
 - `hdl64`: an HDL-64E class unit: 10 % of reflectance at 50 m (data sheet of Velodyne), nothing from nearer than 0.9 m,
   and a received power that is strongest at 8 m: "At this distance, the intensity goes to max. [...] On the upper block,
   it averages 1500cm. On the lower block, it averages 800cm" (Velodyne, "HDL-64E S2 and S2.1 user's manual", appendix F;
-  the manual of the S3 calls it "maximum intensity distance"). The lower block looks at what is near.
+  the manual of the S3 calls it "maximum intensity distance"). The lower block looks at what is near. With both,
+  plates of 90 % end within 30 % of fog chambers at 30 to 60 m of visibility; with 15 m few rays would return fog.
 - `modern64`: 10 % at 120 m; `nir1550`: the same at 1550 nm. Their overlap is a design value.
 - `lisa`: the sensor of Kilic et al., arXiv 2107.07004, whose drops reflect ((n - 1) / (n + 1))^2 and whose fog has no
   echo.
