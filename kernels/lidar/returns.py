@@ -141,8 +141,8 @@ def physical_kernel(
 
     `reflectance` holds each material dry and as it is in the weather, shape [2, M]. A surface sends back
     P = rho cos(incidence) exp(-2 a R) / R^2; echoes of rain and fog before it come from `air_echoes`. These are weighed
-    against what the receiver sees of P, as they hold its overlap themselves; whether a surface returns at all does not
-    depend on it, because sensors fire stronger pulses where near surfaces return little.
+    against what the receiver sees of P, as they hold its overlap themselves. Whether a surface returns at all does not
+    depend on it: near ones are far above the threshold, and sensors adapt their laser power to them.
 
     Source: LiDAR equation of a Lambert target that fills the beam; for example W. Wagner, "Radiometric calibration of
     small-footprint full-waveform airborne laser scanner measurements", ISPRS J. Photogramm. 65(6), 2010.
