@@ -174,8 +174,8 @@ CHECKS = (
         tolerance="30 %, as of the ranges",
         sources=(CEREMA,),
         measure=lambda device: Measurement(100.0 * float(echo_shares(0.9, 20.0, np.array([40.0]), device)[0])),
-        known_red="From 35 to 45 m of visibility the share falls from 59 to 10 % in the chamber, and from 60 to 2 % here, "
-        "where fog has one extinction along all rays and in time. Uneven fog, not measured there, would flatten it; a "
-        "model of patches with a measured spread would mend it",
+        known_red="From 35 to 45 m of visibility the share falls from 59 to 10 % in the chamber, and from 60 to 2 % "
+        "here, where fog has one extinction along all rays and in time. Uneven fog, not measured there, would flatten "
+        "it; a model of patches with a measured spread would mend it",
     ),
 )
