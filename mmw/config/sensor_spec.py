@@ -89,6 +89,8 @@ class SensorSpec:
     """Tables of other parts of mmw that the sensor adds rows to, such as `box_visibility`."""
     rows_per_sample: Callable[[Any], Mapping[str, int]] | None = None
     """`config -> {table: rows of each sample}`; one row of the primary table if absent."""
+    variable_rows: Callable[[Any], tuple[str, ...]] = field(default=lambda config: ())
+    """`config -> tables` of the sensor in which a sample has any number of rows, or none."""
     estimate: Callable[[Any], Estimate] = field(default=lambda config: Estimate())
     """`config -> Estimate`."""
     defaults: Callable[[], tuple[SensorConfig, ...]] = tuple

@@ -46,6 +46,20 @@ def wgs84_from_world(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
     return geodetic_from_ecef(ecef_from_geodetic(reference) + offset)
 
 
+def world_from_ecef(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
+    """Return world points [m], shape [..., 3], of earth-centered, earth-fixed ones [m]; places of satellites too.
+
+    Args:
+        points: Earth-centered, earth-fixed [m], shape [..., 3].
+        reference: As `wgs84_from_world`.
+
+    Raises:
+        InputError: If the reference's latitude is not between -90 and 90 deg.
+    """
+    reference = _checked("reference", reference)
+    return _turn(_axes(reference), np.asarray(points, dtype=np.float64) - ecef_from_geodetic(reference))
+
+
 def world_from_wgs84(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray:
     """Return world points [m], shape [..., 3]: the inverse of `wgs84_from_world`.
 
@@ -56,9 +70,7 @@ def world_from_wgs84(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray:
     Raises:
         InputError: If a latitude is not between -90 and 90 deg.
     """
-    reference = _checked("reference", reference)
-    offset = ecef_from_geodetic(_checked("points", geodetic)) - ecef_from_geodetic(reference)
-    return _turn(_axes(reference), offset)
+    return world_from_ecef(ecef_from_geodetic(_checked("points", geodetic)), reference)
 
 
 def mercator_from_world(points: ArrayLike, reference: ArrayLike) -> np.ndarray:

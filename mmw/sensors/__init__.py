@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from mmw.sensors.depth.config import DepthCamera
     from mmw.sensors.depth.simulate import DepthImage
     from mmw.sensors.gnss.config import Gnss
-    from mmw.sensors.gnss.simulate import GnssSample
+    from mmw.sensors.gnss.error_models import GnssSample
+    from mmw.sensors.gnss.ray_traced import GnssSatellites, RayTracedGnssSample
     from mmw.sensors.ground_truth.boxes_2d import Boxes2d
     from mmw.sensors.imu.config import Imu
     from mmw.sensors.imu.simulate import ImuSample
@@ -32,9 +33,10 @@ if TYPE_CHECKING:
 
 __all__ = [
     "F32", "F64", "I32", "NAME", "SENSORS", "Boxes2d", "Camera", "DepthCamera", "DepthImage", "Estimate", "Gnss",
-    "GnssSample", "Imu", "ImuSample", "Lidar", "Modality", "MountConfig", "PointCloud", "PointSamples", "Radar",
-    "RadarMaps", "RadarPoints", "RgbCamera", "RgbImage", "Samples", "SensorConfig", "SensorInput", "SensorSpec",
-    "column", "radar_cross_section", "register_sensor", "sensor_table", "smooth_cross_section",
+    "GnssSample", "GnssSatellites", "Imu", "ImuSample", "Lidar", "Modality", "MountConfig", "PointCloud",
+    "PointSamples", "Radar", "RadarMaps", "RadarPoints", "RayTracedGnssSample", "RgbCamera", "RgbImage", "Samples",
+    "SensorConfig", "SensorInput", "SensorSpec", "column", "radar_cross_section", "register_sensor", "sensor_table",
+    "smooth_cross_section",
 ]  # fmt: skip
 
 _HOME = {
@@ -46,7 +48,8 @@ _HOME = {
     "DepthCamera": "mmw.sensors.depth.config",
     "DepthImage": "mmw.sensors.depth.simulate",
     "Gnss": "mmw.sensors.gnss.config",
-    "GnssSample": "mmw.sensors.gnss.simulate",
+    "GnssSample": "mmw.sensors.gnss.error_models",
+    **dict.fromkeys(("GnssSatellites", "RayTracedGnssSample"), "mmw.sensors.gnss.ray_traced"),
     "Imu": "mmw.sensors.imu.config",
     "ImuSample": "mmw.sensors.imu.simulate",
     "Lidar": "mmw.sensors.lidar.config",

@@ -55,7 +55,9 @@ class Batch:
         """Return the input of a sensor with these views in some weathers."""
         air = {name: self.weather(name) for name in weathers}
         seed, scenario = self.config.seed, self.scenario.name
-        return SensorInput(self.scene.optical, self.motion, views, air, seed, scenario, cache=self.cache)
+        return SensorInput(
+            self.scene.optical, self.motion, views, air, seed, scenario, cache=self.cache, radio_scene=self.scene
+        )
 
     def rgb_camera(self, debug: bool) -> RgbRenderer:
         """Return what renders RGB images in all weathers; textures and skies are made at the first call."""

@@ -181,8 +181,9 @@ def _capture(
         _check_clear_view(scene, sensor, views)
     air = {name: context.weathers[name] for name in weathers}
     data = SensorInput(
-        scene.optical, carriers.motion, views, air, context.seed, context.name, output=output, cache=context.cache
-    )
+        scene.optical, carriers.motion, views, air, context.seed, context.name, output=output, cache=context.cache,
+        radio_scene=scene,
+    )  # fmt: skip
     samples = load_reference(spec.simulate)(data, sensor)
     return {name: _views_of(samples[name], len(views), carriers.is_one) for name in weathers}
 

@@ -36,6 +36,8 @@ class SensorInput:
     """`warp` asks a sensor with `SensorSpec.warp_output` to leave its arrays on the device."""
     cache: dict[Any, Any] = field(default_factory=dict)
     """Store of sensors for later batches of the scene, see `cached`."""
+    radio_scene: DeviceScene | None = None
+    """The scene as radio waves meet it, with hulls of crowns where `scene` has leaves; None if it is `scene`."""
 
     def cached(self, key: Any, make: Callable[[], T]) -> T:
         """Return what a sensor keeps for all batches of the scene, such as textures; it is made at the first call.

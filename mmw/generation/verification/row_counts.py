@@ -121,7 +121,7 @@ def _expected(
     yield "poses", pa.concat_tables(_counted(roles[role], counts[column]) for role, column in ROLE_COLUMNS.items())
     yield "boxes", _counted(place, functools.reduce(pc.add, (counts[column] for column in BODY_COLUMNS)))
     poses = _select(tables, "poses", (SHARD, "frame", "agent", "role", "object_id"))
-    yield from _samples(config, poses, names, rate_hz, kinds)
+    yield from _samples(config, tables, poses, names, rate_hz, kinds)
     boxes = _select(tables, "boxes", (SHARD, "frame", "object_id"))
     traced = poses.filter(pa.array(config.channel.is_due(poses["frame"].to_numpy(), rate_hz)))
     yield "box_visibility", _visibility(config, tables, traced, boxes, names, kinds)
@@ -149,9 +149,12 @@ def _with(table: pa.Table, name: str, value: Any) -> pa.Table:
 
 
 def _samples(
-    config: Config, poses: pa.Table, names: Names, rate_hz: int, kinds: Kinds
+    config: Config, tables: Tables, poses: pa.Table, names: Names, rate_hz: int, kinds: Kinds
 ) -> Iterator[tuple[str, pa.Table]]:
-    """Yield the tables of sensors with a number of rows for each sample, and that number."""
+    """Yield the tables of sensors with a number of rows for each sample, and that number.
+
+    Where a sample may have any number of rows, it is that of the rows which are there.
+    """
     found: dict[str, list[pa.Table]] = {}
     frame = poses["frame"].to_numpy()
     agents = _agents(poses, names, kinds)
@@ -160,6 +163,10 @@ def _samples(
         due = poses.select([SHARD, "frame", "agent"]).filter(is_due)
         for table, each in spec_of(sensor).tables_of(sensor).items():
             found.setdefault(table, []).append(_with(_with(due, "sensor", names.number(sensor.name)), COUNT, each))
+        for table in spec_of(sensor).variable_rows(sensor):
+            samples, key = _with(due, "sensor", names.number(sensor.name)), [SHARD, *SAMPLE_KEY]
+            own = _select(tables, table, key).join(samples, keys=key, join_type="left semi", use_threads=False)
+            found.setdefault(table, []).append(_with(own, COUNT, 1))
     for table, parts in found.items():
         yield table, pa.concat_tables(parts)
 

@@ -25,8 +25,9 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.table_rows import sample_columns
 from mmw.scene.views import sample_views
 from mmw.sensors import Gnss, Imu
+from mmw.sensors.gnss.error_models import make_gnss
 from mmw.sensors.gnss.rows import to_tables
-from mmw.sensors.gnss.simulate import make_gnss, simulate
+from mmw.sensors.gnss.simulate import simulate
 from mmw.sensors.imu.simulate import make_imu
 from mmw.sensors.sensor_input import SensorInput
 from mmw.storage.arrow_tables import table_from_columns
