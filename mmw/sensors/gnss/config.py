@@ -99,7 +99,7 @@ class Gnss(SensorConfig):
         description="ray_traced: carrier to noise density of a free satellite at zenith [dB Hz]",
     )
     tracking_threshold_db_hz: float = Field(
-        default=28.0,
+        default=25.0,
         ge=0,
         le=70,
         description="ray_traced: carrier to noise density below which a satellite is lost [dB Hz]",

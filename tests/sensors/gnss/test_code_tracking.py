@@ -60,7 +60,7 @@ def test_a_detour_alone_is_the_whole_error() -> None:
 
 
 def test_a_moving_receiver_averages_the_phase() -> None:
-    """Powers add up: the zero of sum_k A_k^2 (t - d_k) for short delays, with what the integration loses of the beat."""
+    """Powers add up: the zero of sum A_k^2 (t - d_k) for short delays, less what the integration loses of the beat."""
     config = Gnss(loop_bandwidth_hz=0.05, integration_time_s=0.02)
     alpha, excess, rate = 0.6, 20.0, -10.0 * WAVELENGTH  # a beat of 10 Hz, 100 turns in the loop's time
     lost = np.sinc(10.0 * 0.02) ** 2

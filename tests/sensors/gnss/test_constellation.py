@@ -58,7 +58,7 @@ def test_the_sky_of_middle_latitudes(latitude: float) -> None:
     direction = satellites / np.linalg.norm(satellites, axis=-1, keepdims=True)
     is_up = direction[..., 2] > np.sin(np.radians(5.0))
     assert 7.5 < is_up.sum(axis=1).mean() < 9.0
-    assert 5 <= is_up.sum(axis=1).min() and is_up.sum(axis=1).max() <= 12
+    assert is_up.sum(axis=1).min() >= 5 and is_up.sum(axis=1).max() <= 12
     hdop, vdop = np.array([dilution(some[up]) for some, up in zip(direction, is_up, strict=True)]).T
     assert 0.8 < np.median(hdop) < 1.1 and 1.2 < np.median(vdop) < 1.7
     assert np.median(vdop / hdop) == pytest.approx(1.474, abs=0.2)

@@ -57,7 +57,7 @@ def concrete_reflection(cosine: float) -> tuple[complex, complex]:
 def test_one_wall_by_the_image_method(azimuth: float, elevation: float) -> None:
     direction = toward(azimuth, elevation)
     config = Gnss(mode="ray_traced", axial_ratio_db=0.0, **MIRRORS)
-    paths, found, is_los = traced(wall(), config, [direction])
+    _, found, is_los = traced(wall(), config, [direction])
     assert is_los.tolist() == [True] and found.count.tolist() == [2]
     direct, reflected = np.argsort(found.excess)
     assert abs(found.excess[direct]) < 1e-9
@@ -70,12 +70,13 @@ def test_one_wall_by_the_image_method(azimuth: float, elevation: float) -> None:
     te, tm = concrete_reflection(abs(direction[1]))
     gain = 0.5 * (1.0 + direction[2])  # the reflection comes from the same elevation
     assert abs(found.amplitude[direct]) == pytest.approx(gain, rel=1e-4)
-    assert abs(found.amplitude[reflected]) == pytest.approx(gain * abs(te + tm) / 2.0, rel=1e-3)
+    # 2e-3: seen from 50 km the wall turns the wave 5e-4 rad less than a plane wave.
+    assert abs(found.amplitude[reflected]) == pytest.approx(gain * abs(te + tm) / 2.0, rel=2e-3)
     # The left-handed part of an antenna takes the rest, by its axial ratio.
     _, mixed, _ = traced(wall(), config.model_copy(update={"axial_ratio_db": 6.0}), [direction])
     cross = (10.0**0.3 - 1.0) / (10.0**0.3 + 1.0)
     added = np.abs(mixed.amplitude - found.amplitude)
-    assert added[reflected] == pytest.approx(cross * gain * abs(te - tm) / 2.0, rel=1e-3)
+    assert added[reflected] == pytest.approx(cross * gain * abs(te - tm) / 2.0, rel=2e-3)
     assert added[direct] < 1e-4  # the line of sight is right-handed
     assert -20.0 * np.log10(cross) == pytest.approx(9.6, abs=0.1)
 
@@ -106,16 +107,16 @@ def test_diffraction_lights_the_shadow_of_a_roof() -> None:
 
 def test_lengths_do_not_depend_on_the_distance(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lengths of plane waves at depth 2, and amplitudes, with satellites at 20 and at 100 km."""
-    parts = [wall_part("north", (-200.0, WALL_Y), (200.0, WALL_Y), 30.0)]
-    parts.append(wall_part("south", (200.0, -9.0), (-200.0, -9.0), 30.0))
-    directions = [toward(azimuth, elevation) for azimuth in (170.0, 200.0, 20.0) for elevation in (70.0, 80.0)]
+    parts = [wall_part("north", (-200.0, WALL_Y), (200.0, WALL_Y), 100.0)]
+    parts.append(wall_part("south", (200.0, -9.0), (-200.0, -9.0), 20.0))
+    directions = [toward(azimuth, elevation) for azimuth in (170.0, 200.0) for elevation in (55.0, 66.0)]
     results = []
     for distance in (20e3, 50e3, 100e3):
         monkeypatch.setattr(module, "DISTANCE_M", distance)
         config = Gnss(mode="ray_traced", physics="paper", max_depth=2, samples_per_tx=20_000)
         results.append(traced(arrays_from_parts(parts), config, directions)[1])
     near, usual, far = results
-    assert usual.count.sum() >= 14
+    assert usual.count.tolist() == [2, 2, 2, 2]  # one and two reflections, and a line of sight with one
     for other in (near, far):
         np.testing.assert_array_equal(other.count, usual.count)
         np.testing.assert_allclose(other.excess, usual.excess, atol=2e-3)
