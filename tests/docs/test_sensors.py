@@ -54,7 +54,7 @@ def test_every_fragment_of_the_guide_loads(tmp_path: Path) -> None:
         assert len(config.sensors) == len(yaml.safe_load(block)["sensors"])
         types |= {(sensor.type, getattr(sensor, "mode", "")) for sensor in config.sensors}
     both = {(name, mode) for name in ("lidar", "radar", "imu", "gnss") for mode in ("carla", "physical")}
-    assert types == both | {("depth", ""), ("rgb", "")}
+    assert types == both | {("depth", ""), ("rgb", ""), ("gnss", "ray_traced")}
 
 
 @pytest.mark.parametrize("name", SECTIONS)
@@ -76,7 +76,7 @@ def test_the_overview_names_the_keys_that_all_sensors_share() -> None:
 
 @pytest.mark.parametrize(
     ("sensor", "min_count"),
-    [("lidar", 8), ("radar", 19), ("rgb", 15), ("depth", 4), ("imu", 14), ("gnss", 14)],
+    [("lidar", 8), ("radar", 19), ("rgb", 15), ("depth", 4), ("imu", 14), ("gnss", 23)],
 )
 def test_the_defaults_of_the_guide_are_those_of_the_code(sensor: str, min_count: int) -> None:
     section: BaseModel = SECTIONS[sensor]()

@@ -37,7 +37,7 @@ ROWS = {
     "radar_maps": VIEWS * 2,
     "radar_iq": VIEWS,
     "segmentation": VIEWS * 2 + 1,
-    "gnss": VIEWS + 2,  # 25 samples a second: frame 4, not 3
+    "gnss": VIEWS + 2 + 1,  # 25 and 50 samples a second: frame 4, not 3; the traced receiver has a fix
 }
 """Rows of one weather: two frames, one CAV, one roadside unit."""
 
@@ -97,6 +97,8 @@ def test_every_mode_leaves_its_mark(dataset: Path) -> None:
     assert one("SELECT DISTINCT round(ev100, 3) FROM rgb WHERE sensor = 'still'") == [13.0]
     assert one("SELECT DISTINCT sensor FROM sensors WHERE lens = 'brown_conrady'") == ["colour"]
     assert one("SELECT DISTINCT sensor FROM imu WHERE handedness = 'left'") == ["physical_imu"]
+    assert one("SELECT DISTINCT sensor FROM gnss_satellites") == ["traced_gnss"]
+    assert one("SELECT count(*) >= 4 FROM gnss_satellites WHERE weather = 'mine' AND is_tracked") == [True]
     assert one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2 AND sensor = 'carla_lidar'") == []
     assert "foggy" in one("SELECT DISTINCT weather FROM lidar_points WHERE label = 2")
     assert one("SELECT min(time_offset) < 0 FROM lidar_points WHERE sensor = 'physical'") == [True]

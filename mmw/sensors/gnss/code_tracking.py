@@ -52,7 +52,7 @@ class SignalPaths:
 
 @dataclass(frozen=True)
 class TrackedCode:
-    """What the loop of each signal holds."""
+    """Delay and power that the loop of each signal holds."""
 
     error: np.ndarray
     """Delay of the loop beyond that of the straight line [m], shape [L]; NaN without a path."""

@@ -92,13 +92,13 @@ class Gnss(SensorConfig):
         description="ray_traced: drift of each satellite's range by orbits, clocks and what is left of the atmosphere, "
         "the same for all receivers [m]",
     )
-    cn0_zenith_db_hz: float = Field(
+    cn0_zenith_db: float = Field(
         default=45.0,
         ge=20,
         le=70,
         description="ray_traced: carrier to noise density of a free satellite at zenith [dB Hz]",
     )
-    tracking_threshold_db_hz: float = Field(
+    tracking_threshold_db: float = Field(
         default=25.0,
         ge=0,
         le=70,

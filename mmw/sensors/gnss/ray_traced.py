@@ -48,7 +48,7 @@ class GnssSatellites(PointSamples):
     pseudorange: np.ndarray
     """Measured distance, without an offset of the receiver's clock [m], shape [N], float64; NaN if not tracked."""
     pseudorange_error: np.ndarray
-    """What it is too long by [m], shape [N], float64; NaN if not tracked."""
+    """Length that it is too long by [m], shape [N], float64; NaN if not tracked."""
     multipath_error: np.ndarray
     """Part of the error by reflections and edges [m], shape [N], float64; NaN if not tracked."""
     is_los: np.ndarray
@@ -104,8 +104,8 @@ def make_ray_traced(data: SensorInput, config: Gnss) -> dict[str, RayTracedGnssS
             signals, is_los = signal_paths(paths, weather, views, sightings, config)
             tracked = track_code(signals, config)
             multipath, has_power = tracked.error, tracked.power > 0.0
-            cn0[has_power] = config.cn0_zenith_db_hz + 10.0 * np.log10(tracked.power[has_power])
-        is_tracked = np.nan_to_num(cn0, nan=-np.inf) >= config.tracking_threshold_db_hz
+            cn0[has_power] = config.cn0_zenith_db + 10.0 * np.log10(tracked.power[has_power])
+        is_tracked = np.nan_to_num(cn0, nan=-np.inf) >= config.tracking_threshold_db
         error = multipath + drift[row, number] + thermal_noise_m(cn0, config) * noise[row, number]
         error, multipath = (np.where(is_tracked, values, np.nan) for values in (error, multipath))
         found = GnssSatellites(
@@ -195,7 +195,7 @@ def _with_fixes(base: GnssSample, found: GnssSatellites, satellites: np.ndarray,
         rows = begin + np.flatnonzero(found.is_tracked[begin:end])
         fixes.append(solve_position(satellites[rows], found.pseudorange[rows], variance[rows], np.zeros(3)))
     place = np.array([fix.position for fix in fixes]).reshape(-1, 3)
-    is_lost = np.isnan(place).any(axis=1)
+    is_lost = np.array([not fix.is_fix for fix in fixes], dtype=bool)
     geodetic = np.full(place.shape, np.nan)
     geodetic[~is_lost] = wgs84_from_world(place[~is_lost], config.reference)
     shared = {name: getattr(base, name) for name in ("geodetic_true", "heading")}

@@ -133,12 +133,12 @@ def test_the_fix_is_that_of_the_tracked_satellites() -> None:
         linear = np.linalg.lstsq(design, found.pseudorange_error[own] / np.sqrt(variance), rcond=None)[0]
         error = world_from_wgs84(samples.geodetic[frame], config.reference) - place[frame]
         np.testing.assert_allclose(error, linear[:3], atol=1e-3)
-    assert (found.cn0_db_hz[found.is_tracked] >= config.tracking_threshold_db_hz).all()
+    assert (found.cn0_db_hz[found.is_tracked] >= config.tracking_threshold_db).all()
     assert np.isnan(found.pseudorange[~found.is_tracked]).all()
 
 
 def test_a_car_roof_takes_little() -> None:
-    """What the own roof adds within 0.3 m below the antenna moves no code by more than that; the sky stays open."""
+    """The own roof, 0.3 m below the antenna, moves no code by more than its detour, and leaves the sky open."""
     bare = arrays_from_parts([ground_part(50.0)], (), [("cav_1", "cav", -1)], np.array([[pose(0.0, 0.0)]]))
     car = arrays_from_parts([ground_part(50.0)], (box_model("sedan"),), [("cav_1", "cav", 0)], np.array([[pose(0, 0)]]))
     config = receiver(max_depth=1)
@@ -166,7 +166,7 @@ def test_neighbors_share_the_drift_of_satellites() -> None:
     """Two receivers under open sky: residual errors are one, noise of the loops is not."""
     scene = street(arrays_from_parts([ground_part(100.0)]))
     places = np.array([[0.0, 0.0, 1.8], [8.0, 5.0, 1.8]])
-    config = receiver(residual_range_std_m=5.0, cn0_zenith_db_hz=65.0, max_depth=1)
+    config = receiver(residual_range_std_m=5.0, cn0_zenith_db=65.0, max_depth=1)
     one, other = captured(scene, places, config)
     np.testing.assert_allclose(one.satellites.pseudorange_error, other.satellites.pseudorange_error, atol=0.5)
     assert np.abs(one.satellites.pseudorange_error).max() > 1.0
@@ -186,7 +186,7 @@ def test_tables_and_outages() -> None:
         [ground_part(120.0), lid, *sides], (), [("cav_1", "cav", -1)], np.array([[pose(0.0, 0.0)]] * 2)
     )
     for arrays, fixes in ((open_air, 2), (shut, 0)):
-        config = receiver(tracking_threshold_db_hz=35.0)
+        config = receiver(tracking_threshold_db=35.0)
         data, samples = simulated(arrays, range(2), config)
         rows = to_tables(data, config, samples)
         key = sample_columns(arrays, "gnss", data.views.frame, data.views.actor)
