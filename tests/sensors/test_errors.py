@@ -37,7 +37,7 @@ LIDAR = [
     ("elevations_deg: [1, x]", 'elevations_deg[1] = "x"', "a number is needed"),
     (f"elevations_deg: {[0] * 300}", "elevations_deg: holds 300 values", "at most 256"),
     ("preset: hdl32", 'preset = "hdl32"', "'hdl64'"),
-    ("mode: compat", 'mode = "compat"', "'carla', 'physical' or 'ray_traced'"),
+    ("mode: compat", 'mode = "compat"', "'carla' or 'physical'"),
     ("mode: carla, returns: dual", "returns = 'dual' in mode carla", "use mode: physical"),
     ("range_m: 1", "range_m = 1", "raise it"),
     ("range_m: .nan", "range_m = NaN", "finite number"),
@@ -64,7 +64,7 @@ DEPTH = [
     ("width_px: 640.5", "width_px = 640.5", "whole number"),
 ]
 IMU = [
-    ("mode: real", 'mode = "real"', "'carla', 'physical' or 'ray_traced'"),
+    ("mode: real", 'mode = "real"', "'carla' or 'physical'"),
     ("handedness: both", 'handedness = "both"', "'right' or 'left'"),
     ("accel_noise_std: -1", "accel_noise_std = -1", "greater than or equal to 0"),
     ("gyro_bias: 1e300", "gyro_bias = 1", "less than or equal to 100"),

@@ -78,7 +78,7 @@ class Gnss(SensorConfig):
         description="ray_traced: preset of the path solver as in `channel.physics`; `standard` has finite surfaces, "
         "diffraction, slabs and foliage, `paper` mirrors alone (name)",
     )
-    max_depth: int = Field(default=2, ge=0, le=3, description="ray_traced: most interactions on a path (count)")
+    max_depth: int = Field(default=1, ge=0, le=3, description="ray_traced: most interactions on a path (count)")
     samples_per_tx: int = Field(
         default=100_000,
         ge=1000,
