@@ -43,7 +43,7 @@ def envelope(alpha: float, delay: float, spacing: float) -> float:
 @pytest.mark.parametrize("spacing", [0.1, 0.5, 1.0])
 @pytest.mark.parametrize("alpha", [0.5, -0.5, 0.1, -0.3])
 def test_multipath_error_envelope(spacing: float, alpha: float) -> None:
-    """The largest error, 0.5 alpha spacing, is 36.6 m at a chip and half the amplitude: 293 m / 8."""
+    """The largest error, alpha spacing / 2, is 73 m at a spacing of one chip and half the amplitude: 293 m / 4."""
     config = Gnss(correlator_spacing_chips=spacing)
     for delay in np.arange(0.01, 1.3, 0.0173):
         excess = delay * CHIP_M

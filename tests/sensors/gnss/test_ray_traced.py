@@ -21,7 +21,7 @@ from mmw.sensors.gnss.rows import to_tables
 from mmw.sensors.gnss.simulate import simulate
 from mmw.sensors.sensor_input import SensorInput
 from mmw.storage.arrow_tables import table_from_columns
-from tests.fixtures.gnss_canyon import canyon_arrays
+from mmw.validation.canyon import urban_canyon
 from tests.fixtures.scenes import arrays_from_parts, box_model, box_part, ground_part, pose
 
 FEW = 20_000
@@ -95,7 +95,7 @@ def test_open_sky_has_the_errors_of_the_cheap_model() -> None:
 
 def test_errors_belong_to_places() -> None:
     """In a canyon errors are tens of meters, and receivers a meter apart have like ones; 60 m apart they do not."""
-    scene, config = street(canyon_arrays()), receiver(residual_range_std_m=0.0, loop_bandwidth_hz=0.05)
+    scene, config = street(urban_canyon()), receiver(residual_range_std_m=0.0, loop_bandwidth_hz=0.05)
     along = np.arange(-60.0, 60.0, 1.0)
     places = np.column_stack([along, np.full(len(along), -3.0), np.full(len(along), 1.8)])
     samples = captured(scene, places, config)
