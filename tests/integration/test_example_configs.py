@@ -53,6 +53,17 @@ def test_street_140ghz(tmp_path: Path) -> None:
     assert "28 GHz:" not in card
 
 
+def test_gnss_multipath(tmp_path: Path) -> None:
+    data = open_dataset(made("gnss_multipath", tmp_path))
+    rows = data.read("gnss_satellites").to_pylist()
+    assert {row["agent"] for row in rows} == {"cav_1", "cav_2", "cav_3"}
+    assert {row["is_los"] for row in rows} == {True, False}
+    fixes = data.read("gnss").to_pylist()
+    assert sum(row["sensor"] == "gnss_open" for row in fixes) == 3
+    tracked = [row["agent"] for row in rows if row["is_tracked"]]
+    assert all(tracked.count(row["agent"]) >= 4 for row in fixes if row["sensor"] == "gnss")
+
+
 def test_sectors_60ghz(tmp_path: Path) -> None:
     """Each sector has links; the strongest is that which looks at the vehicle, and a downlink is as strong as its
     uplink."""

@@ -9,7 +9,7 @@ from mmw.sensors.gnss.tables import GNSS, GNSS_SATELLITES
 SAMPLE_BYTES = 48.0
 """Size of one sample, measured on town03 [bytes]."""
 
-SATELLITES_BYTES = 250.0
+SATELLITES_BYTES = 160.0
 """Size of the satellites of one sample, measured on town03 [bytes]."""
 
 

@@ -226,11 +226,13 @@ def test_rates_of_frames_share_instants() -> None:
 def test_bad_mounts_and_epochs_are_named() -> None:
     arrays = drive(1)
     with pytest.raises(
-        InputError, match=r"cav_1: gnss at .* on the ground below its own body.*position_m: \[0, 0, 1.8\]"
+        InputError, match=r"cav_1: gnss at .* on the ground below its own body.*position_m: \[0, 0, 2.6\]"
     ):
         simulated(arrays, range(1), Gnss(mode="ray_traced"))
     inside = {"cav": MountConfig(position_m=(0.0, 0.0, 0.7))}
-    with pytest.raises(InputError, match=r"cav_1: gnss at .* is inside its own body in frame 0.*move its mount"):
+    with pytest.raises(
+        InputError, match=r"cav_1: gnss at .* is inside its own body in frame 0.*mount it above the body"
+    ):
         simulated(arrays, range(1), receiver(mount=inside))
     with pytest.raises(InputError, match=r"epoch.*'June' is no date and time of ISO 8601; write it as"):
         Gnss(epoch="June")
