@@ -175,8 +175,8 @@ def _check_places(data: SensorInput, place: np.ndarray, config: Gnss) -> None:
         if where:
             x, y, z = place[row]
             raise InputError(
-                f"{actor.name}: {config.name} at ({x:g}, {y:g}, {z:g}) m in the world {where}; mount it above the body, "
-                f"as in mount: {{{actor.role}: {{position_m: [0, 0, 2.6]}}}}"
+                f"{actor.name}: {config.name} at ({x:g}, {y:g}, {z:g}) m in the world {where}; mount it above the "
+                f"body, as in mount: {{{actor.role}: {{position_m: [0, 0, 2.6]}}}}"
             )
 
 
