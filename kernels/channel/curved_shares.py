@@ -10,6 +10,7 @@ from mmw.kernels.channel.curved_surfaces import (
     HALF,
     CurvedFacets,
     CurvedPoint,
+    curvature_along,
     curved_frame,
     curved_point,
     divergence,
@@ -50,8 +51,10 @@ def curved_share_kernel(
     vertex: wp.array[wp.vec3d],
     # out
     share_out: wp.array2d[wp.vec2d],
+    curvature_out: wp.array[wp.mat33d],
 ):
     """Compute the share of a flat mirror's field that each curved reflection has at each carrier: D and the integral.
+    The curvature of the surface is in the world frame [1/m].
 
     `facet` is the first one of the reflecting surface; `tx` and `rx` are the points before and behind it in the world
     frame, `vertex` is where the path touches it. Phases are relative to the path over `vertex`. Launch: dim=(Q, C).
@@ -76,6 +79,16 @@ def curved_share_kernel(
     share_out[hit, column] = wp.vec2d()
     if not found.is_found:
         return
+    if column == 0:
+        n = found.normal
+        t1 = wp.normalize(found.along - wp.dot(found.along, n) * n)
+        t2 = wp.cross(n, t1)
+        bent = curvature_along(facets, found, t1, t2)
+        if carrier < pose.shape[1]:
+            t1 = wp.transform_vector(pose[batch_index[hit], carrier], t1)
+            t2 = wp.transform_vector(pose[batch_index[hit], carrier], t2)
+        mixed = bent[1] * (wp.outer(t1, t2) + wp.outer(t2, t1))
+        curvature_out[hit] = bent[0] * wp.outer(t1, t1) + mixed + bent[2] * wp.outer(t2, t2)
     frame = curved_frame(facets, found, from_tx, to_rx, wavelength[column])
     total = wp.vec2d()
     if facets.edge[found.shape] < 0:

@@ -243,6 +243,23 @@ def carried(tangent: wp.vec3d, normal: wp.vec3d, other: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
+def curvature_along(facets: CurvedFacets, found: CurvedPoint, one: wp.vec3d, two: wp.vec3d) -> wp.vec3d:
+    """Return the curvature 11, 12, 22 along two unit vectors across the normal at a point of reflection [1/m]."""
+    k11 = wp.float64(0.0)
+    k12 = wp.float64(0.0)
+    k22 = wp.float64(0.0)
+    for k in range(3):
+        corner = 3 * found.shape + k
+        curvature = facets.curvature[corner]
+        t1 = carried(one, found.normal, facets.normal[corner])
+        t2 = carried(two, found.normal, facets.normal[corner])
+        k11 = k11 + found.share[k] * wp.dot(t1, curvature * t1)
+        k12 = k12 + found.share[k] * wp.dot(t1, curvature * t2)
+        k22 = k22 + found.share[k] * wp.dot(t2, curvature * t2)
+    return wp.vec3d(k11, k12, k22)
+
+
+@wp.func
 def curved_frame(
     facets: CurvedFacets, found: CurvedPoint, tx: wp.vec3d, rx: wp.vec3d, wavelength: wp.float64
 ) -> FresnelFrame:
@@ -256,21 +273,11 @@ def curved_frame(
     cosine = wp.abs(wp.dot(incoming, n))
     a1 = wp.dot(incoming, t1)
     a2 = wp.dot(incoming, t2)
-    k11 = wp.float64(0.0)
-    k12 = wp.float64(0.0)
-    k22 = wp.float64(0.0)
-    for k in range(3):
-        corner = 3 * found.shape + k
-        curvature = facets.curvature[corner]
-        one = carried(t1, n, facets.normal[corner])
-        two = carried(t2, n, facets.normal[corner])
-        k11 = k11 + found.share[k] * wp.dot(one, curvature * one)
-        k12 = k12 + found.share[k] * wp.dot(one, curvature * two)
-        k22 = k22 + found.share[k] * wp.dot(two, curvature * two)
+    bent = curvature_along(facets, found, t1, t2)
     bend = wp.float64(1.0) / before + wp.float64(1.0) / behind
-    h11 = bend * (wp.float64(1.0) - a1 * a1) + wp.float64(2.0) * cosine * k11
-    h12 = -bend * a1 * a2 + wp.float64(2.0) * cosine * k12
-    h22 = bend * (wp.float64(1.0) - a2 * a2) + wp.float64(2.0) * cosine * k22
+    h11 = bend * (wp.float64(1.0) - a1 * a1) + wp.float64(2.0) * cosine * bent[0]
+    h12 = -bend * a1 * a2 + wp.float64(2.0) * cosine * bent[1]
+    h22 = bend * (wp.float64(1.0) - a2 * a2) + wp.float64(2.0) * cosine * bent[2]
     l11 = wp.sqrt(h11)
     l21 = h12 / l11
     l22 = wp.sqrt(wp.max(h22 - l21 * l21, wp.float64(1e-300)))

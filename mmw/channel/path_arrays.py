@@ -63,6 +63,11 @@ class PathArrays:
     """Point of each interaction [m], NaN behind the last, shape [P, D, 3], float64."""
     normals: np.ndarray
     """Unit normal there, toward the incoming wave, NaN behind the last, shape [P, D, 3], float64."""
+    edges: np.ndarray
+    """Unit vector along the edge that diffracts, NaN for a path without one, shape [P, 3], float64."""
+    curvatures: np.ndarray
+    """Curvature of the surface that reflects, NaN for flat ones: xx, xy, xz, yy, yz, zz of a symmetric matrix over its
+    tangent plane, positive where it bends away [1/m], shape [P, 6], float64."""
     object_ids: np.ndarray
     """Object of each interaction, -1 behind the last, shape [P, D], int32."""
     material_ids: np.ndarray

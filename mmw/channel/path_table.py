@@ -11,15 +11,21 @@ from numpy.typing import ArrayLike
 
 from mmw.channel.links import Links
 from mmw.channel.paths import PATH_LOS, PathSet
+from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
+from mmw.physics.em.vectors import norm
 
 LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "antenna", "peer_antenna", "carrier_hz")
 """Columns that name a link, and its carrier, in both tables."""
-PATH_COLUMNS = (
+NEEDED_COLUMNS = (
     *LINK_COLUMNS, "order", "tau_s", "a_re", "a_im", "t_tt_re", "t_tt_im", "t_tp_re", "t_tp_im", "t_pt_re", "t_pt_im",
     "t_pp_re", "t_pp_im", "aod_az", "aod_ze", "aoa_az", "aoa_ze", "doppler_hz",
 )  # fmt: skip
 """Columns of the view `paths` that `CarrierPaths.from_table` needs."""
+WAVEFRONT_COLUMNS = ("interactions", "vertices", "first_segment_m", "edge", "curvature")
+"""Columns of the view `paths` that arrays need where waves are no planes over them."""
+PATH_COLUMNS = (*NEEDED_COLUMNS, *WAVEFRONT_COLUMNS)
+"""Columns of the view `paths` that `CarrierPaths.from_table` reads."""
 KEY_TYPE = np.dtype([(name, np.int64 if name == "frame" else object) for name in LINK_COLUMNS[:-1]])
 """Type of `CarrierPaths.keys`."""
 
@@ -52,6 +58,17 @@ class PathSamples:
     """Azimuth of arrival, shape [P]."""
     doppler_hz: np.ndarray
     """Doppler shift, positive while the path gets shorter [Hz], shape [P]."""
+    interaction: np.ndarray
+    """Each interaction from transmitter to receiver (`mmw.physics.em.interaction`), 0 behind the last, shape [P, D],
+    int8; -1 in the first place where rows have no column of them."""
+    vertex: np.ndarray
+    """Point of each interaction [m], NaN behind the last, shape [P, D, 3]."""
+    first_segment_m: np.ndarray
+    """Length from the transmitter to the first point, or of a line of sight [m], NaN if not read, shape [P]."""
+    edge: np.ndarray
+    """Unit vector along the edge that diffracts, NaN without one, shape [P, 3]."""
+    curvature: np.ndarray
+    """Curvature of the surface that reflects, NaN for flat ones, xx, xy, xz, yy, yz, zz [1/m], shape [P, 6]."""
 
 
 SAMPLE_COLUMNS = tuple(field.name for field in fields(PathSamples)[1:])
@@ -131,8 +148,8 @@ class CarrierPaths(PathSamples):
         """Return the paths of rows of the view `paths`, grouped by link.
 
         Args:
-            table: Rows of the view `paths` in any order, with at least `PATH_COLUMNS`: a pyarrow Table, a pandas
-                DataFrame, or a mapping of column names to arrays.
+            table: Rows of the view `paths` in any order, with `PATH_COLUMNS`: a pyarrow Table, a pandas DataFrame, or a
+                mapping of column names to arrays. Without `WAVEFRONT_COLUMNS` arrays can have plane waves only.
             carrier_hz: Carrier [Hz]; None selects the only one there is.
             links: Rows of table `links` (at least `LINK_COLUMNS`), of any of those kinds. Links are then in the order
                 of these rows, and links without any path are among them. Without it links are in the order in which
@@ -142,14 +159,14 @@ class CarrierPaths(PathSamples):
             InputError: If a column is missing, a value is null, more than one carrier is there and none is named, the
                 named one is not there, or a path belongs to no row of `links`.
         """
-        carriers = [read_column(table, "paths", "carrier_hz", PATH_COLUMNS)]
+        carriers = [read_column(table, "paths", "carrier_hz", NEEDED_COLUMNS)]
         if links is not None:
             carriers.append(read_column(links, "links", "carrier_hz", LINK_COLUMNS))
         carrier_hz = _one_carrier(np.concatenate([read_numbers("carrier_hz", c) for c in carriers]), carrier_hz)
         rows = [np.flatnonzero(read_numbers("carrier_hz", c) == carrier_hz) for c in carriers]
         codes = keys = None
         for name in LINK_COLUMNS[:-1]:
-            parts = [read_column(table, "paths", name, PATH_COLUMNS).take(pa.array(rows[0]))]
+            parts = [read_column(table, "paths", name, NEEDED_COLUMNS).take(pa.array(rows[0]))]
             if links is not None:
                 parts.insert(0, read_column(links, "links", name, LINK_COLUMNS).take(pa.array(rows[1])))
             code, values = encode_key(name, parts)
@@ -175,7 +192,7 @@ class CarrierPaths(PathSamples):
         row = rows[0][path]
 
         def number(name: str) -> np.ndarray:
-            return read_numbers(name, read_column(table, "paths", name, PATH_COLUMNS))[row]
+            return read_numbers(name, read_column(table, "paths", name, NEEDED_COLUMNS))[row]
 
         def pair(name: str) -> np.ndarray:
             return number(f"{name}_re") + 1j * number(f"{name}_im")
@@ -194,6 +211,7 @@ class CarrierPaths(PathSamples):
             theta_r=number("aoa_ze"),
             phi_r=number("aoa_az"),
             doppler_hz=number("doppler_hz"),
+            **_read_geometry(table, row, number("order")),
         )
 
 
@@ -232,18 +250,92 @@ def rows_from_paths(
         keys[name] = [str(index) if actors is None else actors[index] for index in actor]
     for name, antenna in (("antenna", links.rx_antenna), ("peer_antenna", links.tx_antenna)):
         keys[name] = [str(index) if antennas is None else antennas[index] for index in antenna]
-    return CarrierPaths(
-        carrier_hz=float(carrier_hz),
-        keys=keys,
-        link=paths.link.astype(np.int64),
+    samples = samples_from_paths(links, paths, weather, int(column[0]))
+    return CarrierPaths(keys=keys, link=paths.link.astype(np.int64), **vars(samples))
+
+
+def samples_from_paths(links: Links, paths: PathSet, weather: str, column: int) -> PathSamples:
+    """Return paths in memory, of one weather and carrier, without the names of their links.
+
+    Args:
+        links: Links of the paths.
+        paths: Paths of `solve_paths`.
+        weather: Weather of the gains.
+        column: Row of the carrier in `paths.carriers_hz`.
+    """
+    return PathSamples(
+        carrier_hz=float(paths.carriers_hz[column]),
         row=np.arange(len(paths)),
         is_los=paths.kind == PATH_LOS,
         tau=paths.tau,
-        transfer=paths.transfer[weather][:, column[0]],
-        a=paths.a[weather][:, column[0]],
-        **{name: getattr(paths, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
-        doppler_hz=paths.doppler_hz[:, column[0]],
+        transfer=paths.transfer[weather][:, column],
+        a=paths.a[weather][:, column],
+        **{name: getattr(paths, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r", "edge", "curvature")},
+        **{name: getattr(paths, name)[:, : int(paths.order.max(initial=0))] for name in ("interaction", "vertex")},
+        doppler_hz=paths.doppler_hz[:, column],
+        first_segment_m=first_segments(links.tx.position[paths.link], paths.vertex, paths.tau),
     )
+
+
+def first_segments(tx: np.ndarray, vertex: np.ndarray, tau: np.ndarray) -> np.ndarray:
+    """Return the length of each path to its first point, of a line of sight the whole [m], shape [P].
+
+    Args:
+        tx: Transmitter of each path [m], shape [P, 3].
+        vertex: Points of the paths [m], NaN behind the last, shape [P, D, 3].
+        tau: Delays [s], shape [P].
+    """
+    whole = SPEED_OF_LIGHT * tau
+    if not vertex.shape[1]:
+        return whole
+    return np.where(np.isnan(vertex[:, 0, 0]), whole, norm(vertex[:, 0] - tx))
+
+
+def _read_geometry(table: Any, row: np.ndarray, order: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the arrays of `WAVEFRONT_COLUMNS` of rows of a table, as unknown where it has no column of them."""
+    names = table.column_names if isinstance(table, pa.Table) else [str(column) for column in table]
+
+    def padded(name: str, width: int) -> np.ndarray | None:
+        if name not in names:
+            return None
+        values = read_column(table, "paths", name, ()).take(pa.array(row))
+        if not pa.types.is_list(values.type) and not pa.types.is_large_list(values.type):
+            raise InputError(f"table paths, column {name}: holds {values.type}; it needs lists of numbers")
+        return padded_lists(values, width)
+
+    def one(name: str, width: int) -> np.ndarray:
+        values = padded(name, width)
+        return np.full((len(row), width), np.nan) if values is None or not values.shape[1] else values[:, 0]
+
+    kind, vertex = padded("interactions", 1), padded("vertices", 3)
+    if kind is None or vertex is None:
+        kind, vertex = np.where(order > 0, -1.0, 0.0)[:, None, None], np.full((len(row), 1, 3), np.nan)
+    first = np.full(len(row), np.nan)
+    if "first_segment_m" in names:
+        first = read_numbers("first_segment_m", read_column(table, "paths", "first_segment_m", ()))[row]
+    return {
+        "interaction": np.nan_to_num(kind[..., 0], nan=0.0).astype(np.int8),
+        "vertex": vertex,
+        "first_segment_m": first,
+        "edge": one("edge", 3),
+        "curvature": one("curvature", 6),
+    }
+
+
+def padded_lists(values: pa.Array, width: int) -> np.ndarray:
+    """Return the elements of a list column in groups of `width`, NaN behind the last, shape [rows, most, width].
+
+    Raises:
+        InputError: If the elements of a row are no whole groups.
+    """
+    ends = values.offsets.to_numpy().astype(np.int64)
+    flat = values.values.to_numpy(zero_copy_only=False).astype(np.float64)[ends[0] : ends[-1]] if len(values) else []
+    count, rest = np.divmod(np.diff(ends), width)
+    if rest.any():
+        raise InputError(f"table paths: a list of {np.diff(ends)[np.argmax(rest)]} numbers; they come in {width}")
+    out = np.full((len(values), int(count.max(initial=0)), width), np.nan)
+    out[np.arange(out.shape[1]) < count[:, None]] = np.reshape(flat, (-1, width))
+    return out
 
 
 def read_column(table: Any, kind: str, name: str, needed: tuple[str, ...]) -> pa.Array:

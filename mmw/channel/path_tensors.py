@@ -9,7 +9,8 @@ from mmw.channel import response
 from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray
 from mmw.channel.antennas.patterns import antenna_field
-from mmw.channel.path_table import KEY_TYPE, CarrierPaths
+from mmw.channel.antennas.wavefronts import Wavefront
+from mmw.channel.path_table import KEY_TYPE, CarrierPaths, first_segments
 from mmw.core.errors import InputError
 from mmw.physics.em.field import combine
 from mmw.physics.em.vectors import unit_vector
@@ -81,6 +82,11 @@ def carrier_paths(paths: "Paths", column: int) -> tuple[CarrierPaths, np.ndarray
         a=paths.a[order, column],
         **{name: getattr(paths, name)[order] for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
         doppler_hz=paths.doppler_hz[order, column],
+        interaction=paths.interaction_types[order],
+        vertex=paths.vertices[order],
+        first_segment_m=first_segments(paths.tx_positions[paths.tx[order]], paths.vertices[order], paths.tau[order]),
+        edge=paths.edges[order],
+        curvature=paths.curvatures[order],
     ), order
 
 
@@ -95,8 +101,9 @@ def _one(side: "RadioEnds", counts: list[int]) -> int:
     return counts[0] if counts else 1
 
 
-def _coefficients(paths: "Paths", at: CarrierPaths, order: np.ndarray) -> np.ndarray:
+def _coefficients(paths: "Paths", column: int, wavefront: Wavefront) -> np.ndarray:
     """Return the coefficients between all antennas, shape [P, N_r, N_t]; of single elements over polarizations only."""
+    at, order = carrier_paths(paths, column)
     tx, rx = paths.transmitters, paths.receivers
     if not paths.is_synthetic:
         return _element_coefficients(paths, at, order)
@@ -106,15 +113,13 @@ def _coefficients(paths: "Paths", at: CarrierPaths, order: np.ndarray) -> np.nda
     for link, (r, t) in enumerate(zip(pair_rx, pair_tx, strict=True)):
         kinds.setdefault((id(rx.arrays[r]), id(tx.arrays[t])), []).append(link)
     if len(kinds) == 1:
-        return apply_arrays(
-            at, tx.arrays[0], rx.arrays[0], at.carrier_hz, tx.state.rotation[pair_tx], rx.state.rotation[pair_rx]
-        )
+        turns = tx.state.rotation[pair_tx], rx.state.rotation[pair_rx]
+        return apply_arrays(at, tx.arrays[0], rx.arrays[0], at.carrier_hz, *turns, wavefront=wavefront)
     out = np.zeros(shape, dtype=np.complex128)
     for links in kinds.values():
         own, t, r = at.take(links), pair_tx[links], pair_rx[links]
-        part = apply_arrays(
-            own, tx.arrays[t[0]], rx.arrays[r[0]], at.carrier_hz, tx.state.rotation[t], rx.state.rotation[r]
-        )
+        turns, arrays = (tx.state.rotation[t], rx.state.rotation[r]), (tx.arrays[t[0]], rx.arrays[r[0]])
+        part = apply_arrays(own, *arrays, at.carrier_hz, *turns, wavefront=wavefront)
         out[np.isin(at.link, links)] = part
     return out
 
@@ -154,12 +159,11 @@ def _to_tensor(paths: "Paths", values: np.ndarray) -> np.ndarray:
 
 
 def impulse_response(
-    paths: "Paths", column: int, times: np.ndarray, normalize_delays: bool
+    paths: "Paths", column: int, times: np.ndarray, normalize_delays: bool, wavefront: Wavefront
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return gains and delays, see `Paths.cir`."""
-    at, order = carrier_paths(paths, column)
-    at = _delayed(paths, at, normalize_delays)
-    gains, tau = response.impulse_response(_coefficients(paths, at, order), at, at.carrier_hz, times)
+    a, at = _coefficients(paths, column, wavefront), _delayed(paths, column, normalize_delays)
+    gains, tau = response.impulse_response(a, at, at.carrier_hz, times)
     if paths.is_synthetic:
         return _to_tensor(paths, gains), tau.reshape(len(paths.receivers), len(paths.transmitters), -1)
     width = gains.shape[1:3]
@@ -182,12 +186,17 @@ def with_paths(a: np.ndarray, tau: np.ndarray, count: int) -> tuple[np.ndarray, 
 
 
 def frequency_response(
-    paths: "Paths", column: int, frequencies: np.ndarray, times: np.ndarray, normalize_delays: bool, normalize: bool
+    paths: "Paths",
+    column: int,
+    frequencies: np.ndarray,
+    times: np.ndarray,
+    normalize_delays: bool,
+    normalize: bool,
+    wavefront: Wavefront,
 ) -> np.ndarray:
     """Return the frequency response, see `Paths.cfr`."""
-    at, order = carrier_paths(paths, column)
-    at = _delayed(paths, at, normalize_delays)
-    values = response.frequency_response(_coefficients(paths, at, order), at, frequencies, at.carrier_hz, times)
+    a, at = _coefficients(paths, column, wavefront), _delayed(paths, column, normalize_delays)
+    values = response.frequency_response(a, at, frequencies, at.carrier_hz, times)
     h = _to_tensor(paths, values)
     if normalize:
         scale = np.sqrt(np.mean(np.abs(h) ** 2, axis=(1, 3, 4, 5), keepdims=True))
@@ -203,16 +212,16 @@ def discrete_taps(
     l_max: int,
     times: np.ndarray,
     normalize_delays: bool,
+    wavefront: Wavefront,
 ) -> np.ndarray:
     """Return the taps, see `Paths.taps`."""
-    at, order = carrier_paths(paths, column)
-    at = _delayed(paths, at, normalize_delays)
-    a = _coefficients(paths, at, order)
+    a, at = _coefficients(paths, column, wavefront), _delayed(paths, column, normalize_delays)
     return _to_tensor(paths, response.taps(a, at, bandwidth_hz, l_min, l_max, at.carrier_hz, times))
 
 
-def _delayed(paths: "Paths", at: CarrierPaths, normalize_delays: bool) -> CarrierPaths:
+def _delayed(paths: "Paths", column: int, normalize_delays: bool) -> CarrierPaths:
     """Return paths whose delays count from the first path of each pair of devices, if so wanted."""
+    at, _ = carrier_paths(paths, column)
     if not normalize_delays:
         return at
     pair = paths.rx[at.row].astype(np.int64) * len(paths.transmitters) + paths.tx[at.row]

@@ -16,6 +16,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_interpolation import cubic_between, direction_between
 from mmw.channel.path_table import (
     KEY_TYPE,
+    NEEDED_COLUMNS,
     PATH_COLUMNS,
     SAMPLE_COLUMNS,
     CarrierPaths,
@@ -32,7 +33,7 @@ Edges = Literal["hold", "fade", "drop"]
 """Treatment of a track between its last frame and the next one, and before its first; see `PathTracks.at`."""
 
 TRACK_COLUMNS = (*PATH_COLUMNS, "path_id")
-"""Columns of the view `paths` that `tracks_from_table` needs."""
+"""Columns of the view `paths` that `tracks_from_table` reads."""
 
 LINK_NAMES = ("agent", "peer", "antenna", "peer_antenna")
 """Fields of `PathTracks` that together name a link."""
@@ -264,7 +265,12 @@ class PathTracks(PathSamples):
         parts = [times(times(rx_turn[k], self.transfer[ends[k]]), tx_turn[k].swapaxes(1, 2)) for k in (0, 1)]
         values["transfer"][both] = (1.0 - s)[:, None, None] * parts[0] + s[:, None, None] * parts[1]
         values["a"][both] = (1.0 - s) * self.a[ends[0]] + s * self.a[ends[1]]
-        values["row"][both] = self.row[ends[0] + (s >= 0.5)]
+        nearest = ends[0] + (s >= 0.5)
+        for name in ("row", "interaction", "edge", "curvature"):
+            values[name][both] = getattr(self, name)[nearest]
+        for name in ("vertex", "first_segment_m"):  # a track has the same interactions all the time
+            share = s.reshape(-1, *(1,) * (values[name].ndim - 1))
+            values[name][both] = (1.0 - share) * getattr(self, name)[ends[0]] + share * getattr(self, name)[ends[1]]
         return values
 
 
@@ -274,7 +280,7 @@ def tracks_from_table(
     """Return the tracks of rows of the view `paths` of one scenario and weather.
 
     Args:
-        table: Rows in any order with at least `TRACK_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
+        table: Rows in any order with `TRACK_COLUMNS`: a pyarrow Table, a pandas DataFrame or a mapping.
         carrier_hz: Carrier [Hz]; None selects the only one there is.
         links: Rows of table `links`, of any of those kinds. They say which frames and links there are besides those
             that have paths.
@@ -295,7 +301,7 @@ def tracks_from_table(
         True
     """
     paths = CarrierPaths.from_table(table, carrier_hz, links)
-    path_id = read_column(table, "paths", "path_id", TRACK_COLUMNS).to_numpy(zero_copy_only=False)
+    path_id = read_column(table, "paths", "path_id", (*NEEDED_COLUMNS, "path_id")).to_numpy(zero_copy_only=False)
     if path_id.dtype.kind not in "iu" and len(path_id):
         raise InputError(f"table paths, column path_id: holds {path_id.dtype}; it needs whole numbers of 64 bits")
     return tracks_from_rows(paths, path_id.astype(np.int64)[paths.row], rate_hz=rate_hz, step=step)

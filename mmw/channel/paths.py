@@ -65,6 +65,11 @@ class PathSet:
     normal: np.ndarray
     """Unit normal there, turned to where the wave comes from, shape [P, D, 3]; NaN behind the last, 0 for a
     diffraction."""
+    edge: np.ndarray
+    """Unit vector along the edge that diffracts, NaN for a path without one, shape [P, 3]."""
+    curvature: np.ndarray
+    """Curvature of the surface that reflects, NaN for flat ones: xx, xy, xz, yy, yz, zz of a symmetric matrix over its
+    tangent plane, positive where it bends away from the ends [1/m], shape [P, 6]."""
     tau: np.ndarray
     """Absolute delay [s], shape [P], float64."""
     theta_t: np.ndarray

@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import Links
+from mmw.channel.path_table import first_segments
 from mmw.channel.paths import LOS_STATES, PATH_KINDS, PathSet
 from mmw.scene.table_rows import Columns, choices
 
@@ -61,10 +62,10 @@ def link_rows(
 
 def path_geometry_rows(agents: Sequence[str], antennas: Sequence[str], links: Links, paths: PathSet) -> Columns:
     """Return the `path_geometry` table: every path once; `agents` and `antennas` as for `link_rows`."""
-    is_there = paths.interaction != 0
-    offsets = np.concatenate([[0], np.cumsum(is_there.sum(axis=1))]).astype(np.int32)
+    interactions = paths.interaction != 0
 
-    def lists(values: np.ndarray, width: int = 1) -> pa.Array:
+    def lists(values: np.ndarray, width: int = 1, is_there: np.ndarray = interactions) -> pa.Array:
+        offsets = np.concatenate([[0], np.cumsum(is_there.sum(axis=1))]).astype(np.int32)
         flat = pa.array(np.ascontiguousarray(values[is_there]).reshape(-1))
         ends = pa.array(offsets * np.int32(width))
         return pa.ListArray.from_arrays(ends, flat, type=pa.list_(pa.field("element", flat.type, nullable=False)))
@@ -86,6 +87,9 @@ def path_geometry_rows(agents: Sequence[str], antennas: Sequence[str], links: Li
         "objects": lists(paths.object_id),
         "materials": lists(paths.material_id),
         "surfaces": lists(paths.surface),
+        "first_segment_m": first_segments(links.tx.position[paths.link], paths.vertex, paths.tau),
+        "edge": lists(paths.edge[:, None], 3, ~np.isnan(paths.edge[:, :1])),
+        "curvature": lists(paths.curvature[:, None], 6, ~np.isnan(paths.curvature[:, :1])),
     }
 
 

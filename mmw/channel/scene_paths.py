@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike
 
 from mmw.channel import path_tensors as tensors
+from mmw.channel.antennas.wavefronts import Wavefront
 from mmw.channel.links import Links
 from mmw.channel.path_arrays import PATH_FIELDS, PathArrays
 from mmw.channel.path_table import CarrierPaths
@@ -142,6 +143,7 @@ class Paths(PathArrays):
         sampling_frequency: float = 1.0,
         num_paths: int | None = None,
         normalize_delays: bool = False,
+        wavefront: Wavefront = "auto",
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the channel impulse response: complex gains with the carrier phase, and delays.
 
@@ -151,6 +153,7 @@ class Paths(PathArrays):
             sampling_frequency: Rate of the instants [Hz].
             num_paths: Paths of each pair in the result: the first ones, or all and padding. None is the most of any.
             normalize_delays: Count delays from the first path of each pair; Sionna RT does by default, mmw does not.
+            wavefront: Waves over arrays, see `mmw.channel.apply_arrays`; Sionna RT's synthetic arrays have `plane`.
 
         Returns:
             a: Shape [num_rx, num_rx_ant, num_tx, num_tx_ant, num_paths, num_time_steps], complex128.
@@ -171,7 +174,7 @@ class Paths(PathArrays):
             ((1, 1, 1, 1), True)
         """
         times = tensors.instants(num_time_steps, sampling_frequency)
-        a, tau = tensors.impulse_response(self, self._column(carrier_hz), times, normalize_delays)
+        a, tau = tensors.impulse_response(self, self._column(carrier_hz), times, normalize_delays, wavefront)
         return (a, tau) if num_paths is None else tensors.with_paths(a, tau, num_paths)
 
     def cfr(
@@ -183,6 +186,7 @@ class Paths(PathArrays):
         sampling_frequency: float = 1.0,
         normalize_delays: bool = False,
         normalize: bool = False,
+        wavefront: Wavefront = "auto",
     ) -> np.ndarray:
         """Return the channel frequency response H(f) = sum_m a_m exp(-j 2 pi (f_c + f) tau_m).
 
@@ -192,6 +196,7 @@ class Paths(PathArrays):
             num_time_steps: Instants, 1 / `sampling_frequency` apart, over which phases turn by the Doppler shifts.
             sampling_frequency: Rate of the instants [Hz].
             normalize_delays: Count delays from the first path of each pair; Sionna RT does by default, mmw does not.
+            wavefront: Waves over arrays, see `mmw.channel.apply_arrays`; Sionna RT's synthetic arrays have `plane`.
             normalize: Divide each pair by the root mean square of |H| over its antennas, instants and frequencies.
 
         Returns:
@@ -213,7 +218,7 @@ class Paths(PathArrays):
         times = tensors.instants(num_time_steps, sampling_frequency)
         frequencies = tensors.finite_numbers("frequencies_hz", frequencies_hz)
         return tensors.frequency_response(
-            self, self._column(carrier_hz), frequencies, times, normalize_delays, normalize
+            self, self._column(carrier_hz), frequencies, times, normalize_delays, normalize, wavefront
         )
 
     def taps(
@@ -226,6 +231,7 @@ class Paths(PathArrays):
         num_time_steps: int = 1,
         sampling_frequency: float | None = None,
         normalize_delays: bool = False,
+        wavefront: Wavefront = "auto",
     ) -> np.ndarray:
         """Return the taps of the discrete baseband channel, h_l = sum_m a_m sinc(l - W tau_m).
 
@@ -237,6 +243,7 @@ class Paths(PathArrays):
             num_time_steps: Instants over which phases turn by the Doppler shifts.
             sampling_frequency: Rate of the instants [Hz]; the bandwidth for None.
             normalize_delays: Count delays from the first path of each pair.
+            wavefront: Waves over arrays, see `mmw.channel.apply_arrays`.
 
         Returns:
             Shape [num_rx, num_rx_ant, num_tx, num_tx_ant, num_time_steps, l_max - l_min + 1], complex128.
@@ -246,7 +253,7 @@ class Paths(PathArrays):
         """
         times = tensors.instants(num_time_steps, sampling_frequency or bandwidth_hz)
         column = self._column(carrier_hz)
-        return tensors.discrete_taps(self, column, bandwidth_hz, l_min, l_max, times, normalize_delays)
+        return tensors.discrete_taps(self, column, bandwidth_hz, l_min, l_max, times, normalize_delays, wavefront)
 
     def ofdm(
         self,
@@ -259,6 +266,7 @@ class Paths(PathArrays):
         cyclic_prefix: float = CYCLIC_PREFIX,
         normalize_delays: bool = False,
         normalize: bool = False,
+        wavefront: Wavefront = "auto",
     ) -> np.ndarray:
         """Return the frequency response on a grid of OFDM symbols and subcarriers.
 
@@ -271,6 +279,7 @@ class Paths(PathArrays):
             cyclic_prefix: Cyclic prefix in parts of the useful time of a symbol [-].
             normalize_delays: Count delays from the first path of each pair.
             normalize: Divide each pair by the root mean square of |H|.
+            wavefront: Waves over arrays, see `mmw.channel.apply_arrays`.
 
         Returns:
             Shape [num_rx, num_rx_ant, num_tx, num_tx_ant, num_symbols, num_subcarriers], complex128.
@@ -287,7 +296,7 @@ class Paths(PathArrays):
         return self.cfr(
             frequencies, carrier_hz=carrier_hz, num_time_steps=num_symbols,
             sampling_frequency=subcarrier_spacing_hz / (1.0 + cyclic_prefix), normalize_delays=normalize_delays,
-            normalize=normalize,
+            normalize=normalize, wavefront=wavefront,
         )  # fmt: skip
 
     def at_carrier(self, carrier_hz: float | None = None) -> CarrierPaths:
@@ -364,7 +373,8 @@ class Paths(PathArrays):
         return PathSet(
             carriers_hz=self.carriers_hz, link=link.astype(np.int32), path_id=self.path_ids, kind=self.kind_id,
             order=self.depth, interaction=self.interaction_types, surface=self.surface_ids, object_id=self.object_ids,
-            material_id=self.material_ids, vertex=self.vertices, normal=self.normals, tau=self.tau,
+            material_id=self.material_ids, vertex=self.vertices, normal=self.normals, edge=self.edges,
+            curvature=self.curvatures, tau=self.tau,
             theta_t=self.theta_t, phi_t=self.phi_t, theta_r=self.theta_r, phi_r=self.phi_r, range_rate=self.range_rate,
             count=np.bincount(link, minlength=count).astype(np.int32), transfer={self.weather: self.transfer},
             a={self.weather: self.a}, loss_db={self.weather: {name: getattr(self, name) for name in LOSSES}},

@@ -78,6 +78,15 @@ INTERACTIONS = (
     column(
         "surfaces", list_of(I32), "id", "surface (of a diffraction: edge) of each interaction, the same in every frame"
     ),
+    column("first_segment_m", F64, "m", "length from `peer` to the first vertex; of a line of sight, the whole path"),
+    column("edge", list_of(F64), "-", "x, y, z of the unit vector along the edge that diffracts, world frame"),
+    column(
+        "curvature",
+        list_of(F64),
+        "1/m",
+        "xx, xy, xz, yy, yz, zz of the curvature of a curved surface that reflects, a "
+        "symmetric matrix over its tangent plane, positive where it bends away from the ends, world frame",
+    ),
 )
 TRANSFER = (
     *(column(f"a_{part}", F64, "-", f"{word} part of the coefficient, {WITHOUT_PHASE}") for part, word in PARTS),

@@ -163,7 +163,8 @@ def link_samples(
     for first in range(0, len(chosen), PORTION):
         part = slice(first, first + PORTION)
         some = paths.take(chosen[part])
-        a = apply_arrays(some, search.tx_array, search.rx_array, carrier_hz, *(turn[part] for turn in turns))
+        ends = search.tx_array, search.rx_array, carrier_hz, *(turn[part] for turn in turns)
+        a = apply_arrays(some, *ends, wavefront=search.wavefront)
         h = frequency_response(a, some, band, carrier_hz, average=True, normalize_delays=True)
         power.append(beam_gains(h, *books).max(axis=1))
     powers = np.concatenate(power)

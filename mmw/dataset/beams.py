@@ -8,9 +8,11 @@ import pyarrow as pa
 
 from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray, ula
+from mmw.channel.antennas.wavefronts import Wavefront
 from mmw.channel.codebook import BeamPairs, beam_gains, best_beams, dft_codebook
-from mmw.channel.path_table import KEY_TYPE, CarrierPaths
+from mmw.channel.path_table import KEY_TYPE, CarrierPaths, padded_lists
 from mmw.channel.response import frequency_response, subcarrier_frequencies
+from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import normalize, quaternion_to_matrix
 
 PORTION = 256
@@ -45,6 +47,8 @@ class BeamSearch:
     """Subcarriers that H is averaged over."""
     spacing_hz: float = 120e3
     """Distance between subcarriers [Hz]."""
+    wavefront: Wavefront = "auto"
+    """Waves over the arrays, see `mmw.channel.apply_arrays`."""
 
     @cached_property
     def codebooks(self) -> tuple[np.ndarray, np.ndarray]:
@@ -65,7 +69,8 @@ class BeamSearch:
         for first in range(0, paths.link_count, PORTION):
             links = np.arange(first, min(first + PORTION, paths.link_count))
             part, carrier = paths.take(links), paths.carrier_hz
-            a = apply_arrays(part, self.tx_array, self.rx_array, carrier, tx_rotation[links], rx_rotation[links])
+            ends = self.tx_array, self.rx_array, carrier, tx_rotation[links], rx_rotation[links]
+            a = apply_arrays(part, *ends, wavefront=self.wavefront)
             h = frequency_response(a, part, frequencies, carrier, average=True, normalize_delays=True)
             found.append(best_beams(beam_gains(h, tx_book, rx_book)))
         names = ("rx_beam", "tx_beam", "gain")
@@ -77,6 +82,11 @@ class BeamSearch:
         tau_s: pa.ChunkedArray,
         transfer: pa.ChunkedArray,
         angles: pa.ChunkedArray,
+        interactions: pa.ChunkedArray,
+        vertices: pa.ChunkedArray,
+        first_segment_m: pa.ChunkedArray,
+        edges: pa.ChunkedArray,
+        curvatures: pa.ChunkedArray,
         tx_rotation: pa.ChunkedArray,
         rx_rotation: pa.ChunkedArray,
         carrier_hz: pa.ChunkedArray,
@@ -87,6 +97,11 @@ class BeamSearch:
             tau_s: Delays of the row's paths [s].
             transfer: Eight numbers a path: real and imaginary part of tt, tp, pt, pp.
             angles: Four numbers a path: azimuth and zenith of departure, then of arrival [rad].
+            interactions: Interactions of each path, a list a path.
+            vertices: Three numbers for each of them [m], a list a path.
+            first_segment_m: Lengths to the first vertex [m].
+            edges: Unit vector along the edge of each path, a list a path, empty without an edge.
+            curvatures: Six numbers of the curved surface of each path [1/m], a list a path, empty without one.
             tx_rotation: Quaternion x, y, z, w of the transmitting agent.
             rx_rotation: Quaternion of the receiving agent.
             carrier_hz: Carrier [Hz].
@@ -95,6 +110,15 @@ class BeamSearch:
         link, tau = flat_lists(tau_s)
         t = flat_lists(transfer)[1].reshape(-1, 8)
         angle = flat_lists(angles)[1].reshape(-1, 4)
+        geometry = {
+            "interaction": np.nan_to_num(nested_lists(interactions, 1)[..., 0], nan=0.0).astype(np.int8),
+            "vertex": nested_lists(vertices, 3),
+            "first_segment_m": flat_lists(first_segment_m)[1],
+            **{
+                name: np.pad(nested_lists(column, width), ((0, 0), (0, 1), (0, 0)), constant_values=np.nan)[:, 0]
+                for name, column, width in (("edge", edges, 3), ("curvature", curvatures, 6))
+            },
+        }
         turns = [
             quaternion_to_matrix(normalize(flat_lists(turn)[1].reshape(-1, 4))) for turn in (tx_rotation, rx_rotation)
         ]
@@ -103,7 +127,8 @@ class BeamSearch:
             rows = np.flatnonzero(carriers == carrier)
             path = np.flatnonzero(carriers[link] == carrier)
             own = np.searchsorted(rows, link[path])
-            one = plain_paths(float(carrier), len(rows), own, tau[path], t[path], angle[path])
+            own_geometry = {name: values[path] for name, values in geometry.items()}
+            one = plain_paths(float(carrier), len(rows), own, tau[path], t[path], angle[path], **own_geometry)
             pairs = self.best(one, turns[0][rows], turns[1][rows])
             rx_beam[rows], tx_beam[rows], gain[rows] = pairs.rx_beam, pairs.tx_beam, pairs.gain
         columns = [pa.array(rx_beam, pa.int32()), pa.array(tx_beam, pa.int32()), pa.array(gain)]
@@ -119,8 +144,27 @@ def flat_lists(column: pa.ChunkedArray) -> tuple[np.ndarray, np.ndarray]:
     return np.repeat(np.arange(len(array)), lengths), array.flatten().to_numpy().astype(np.float64, copy=False)
 
 
+def nested_lists(column: pa.ChunkedArray, width: int) -> np.ndarray:
+    """Return the elements of lists in a list column in groups of `width`, NaN behind the last, [lists, most, width]."""
+    array = column.combine_chunks()
+    if isinstance(array, pa.ChunkedArray):  # no chunk at all
+        return np.zeros((0, 0, width))
+    return padded_lists(array.flatten(), width)
+
+
 def plain_paths(
-    carrier_hz: float, links: int, link: np.ndarray, tau: np.ndarray, t: np.ndarray, angle: np.ndarray
+    carrier_hz: float,
+    links: int,
+    link: np.ndarray,
+    tau: np.ndarray,
+    t: np.ndarray,
+    angle: np.ndarray,
+    *,
+    interaction: np.ndarray | None = None,
+    vertex: np.ndarray | None = None,
+    first_segment_m: np.ndarray | None = None,
+    edge: np.ndarray | None = None,
+    curvature: np.ndarray | None = None,
 ) -> CarrierPaths:
     """Return paths without names of links, coefficients and Doppler shifts.
 
@@ -131,6 +175,11 @@ def plain_paths(
         tau: Delays [s], shape [P].
         t: Real and imaginary part of tt, tp, pt, pp, shape [P, 8].
         angle: Azimuth and zenith of departure and of arrival [rad], shape [P, 4].
+        interaction: As in `CarrierPaths`; None for lines of sight.
+        vertex: As in `CarrierPaths`; given with the interactions, as are the next ones.
+        first_segment_m: As in `CarrierPaths`.
+        edge: As in `CarrierPaths`.
+        curvature: As in `CarrierPaths`.
     """
     count = len(tau)
     return CarrierPaths(
@@ -147,6 +196,11 @@ def plain_paths(
         theta_r=angle[:, 3],
         phi_r=angle[:, 2],
         doppler_hz=np.zeros(count),
+        interaction=np.zeros((count, 0), dtype=np.int8) if interaction is None else interaction,
+        vertex=np.zeros((count, 0, 3)) if vertex is None else vertex,
+        first_segment_m=SPEED_OF_LIGHT * tau if first_segment_m is None else first_segment_m,
+        edge=np.full((count, 3), np.nan) if edge is None else edge,
+        curvature=np.full((count, 6), np.nan) if curvature is None else curvature,
     )
 
 

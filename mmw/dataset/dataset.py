@@ -19,7 +19,7 @@ from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.files import Markers, Parts, damage_of, framed_parts, has_files, list_files, list_folders, list_markers
 from mmw.dataset.filesystem import find_storage, read_bytes
 from mmw.dataset.plugin_tables import spec_of_file, warn_of_missing_package
-from mmw.dataset.table_reader import check_columns, read_view, row_filter
+from mmw.dataset.table_reader import check_columns, path_columns, read_view, row_filter
 from mmw.storage.manifest import DATASET, frame_rates, parse_dataset, read_dataset
 from mmw.storage.schema_checks import schema_problem, version_number
 from mmw.storage.schemas import SCHEMA_VERSION, TABLES, table_spec, views, views_of
@@ -316,12 +316,11 @@ class Dataset:
             >>> paths.link_count, float(paths.carrier_hz)
             (6, 28000000000.0)
         """
-        from mmw.channel.path_table import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths
+        from mmw.channel.path_table import LINK_COLUMNS, CarrierPaths
 
-        def rows(table: str, columns: tuple[str, ...]) -> pa.Table:
-            return self.read(table, columns=columns, scenario=scenario, weather=weather, frames=frames)
-
-        return CarrierPaths.from_table(rows("paths", PATH_COLUMNS), carrier_hz, rows("links", LINK_COLUMNS))
+        where: dict[str, Any] = {"scenario": scenario, "weather": weather, "frames": frames}
+        rows = self.read("paths", columns=path_columns(self), **where)
+        return CarrierPaths.from_table(rows, carrier_hz, self.read("links", columns=LINK_COLUMNS, **where))
 
     def connect(self, search: "BeamSearch | None" = None) -> "duckdb.DuckDBPyConnection":
         """Return a DuckDB connection with one view a table, and the views and functions of `docs/guides/query.md`.

@@ -101,12 +101,17 @@ WITH listed AS (
     SELECT {LINK_AT}, list(tau_s ORDER BY path) AS tau_s,
            list(a_re ORDER BY path) AS a_re, list(a_im ORDER BY path) AS a_im,
            flatten(list([{TRANSFER}] ORDER BY path)) AS transfer,
-           flatten(list([aod_az, aod_ze, aoa_az, aoa_ze] ORDER BY path)) AS angles
+           flatten(list([aod_az, aod_ze, aoa_az, aoa_ze] ORDER BY path)) AS angles,
+           list(interactions ORDER BY path) AS interactions, list(vertices ORDER BY path) AS vertices,
+           list(first_segment_m ORDER BY path) AS first_segment_m, list(edge ORDER BY path) AS edges,
+           list(curvature ORDER BY path) AS curvatures
     FROM paths GROUP BY ALL
 )
 SELECT {LINK_AT}, carrier_hz, link, is_los, coalesce(tau_s, []) AS tau_s,
        coalesce(a_re, []) AS a_re, coalesce(a_im, []) AS a_im, coalesce(transfer, []) AS transfer,
-       coalesce(angles, []) AS angles, tx_rotation, rx_rotation
+       coalesce(angles, []) AS angles, coalesce(interactions, []) AS interactions,
+       coalesce(vertices, []) AS vertices, coalesce(first_segment_m, []) AS first_segment_m,
+       coalesce(edges, []) AS edges, coalesce(curvatures, []) AS curvatures, tx_rotation, rx_rotation
 FROM links
 JOIN (SELECT scenario, weather, frame, agent AS peer, [qx, qy, qz, qw] AS tx_rotation FROM poses)
     USING (scenario, weather, frame, peer)
@@ -116,11 +121,15 @@ LEFT JOIN listed USING ({LINK_AT})
 """
 """A view with one row per link and carrier: its paths as lists, empty without any, and the rotations of both ends."""
 
+UNKNOWN = {"first_segment_m": "'NaN'::DOUBLE", "edge": "[]::DOUBLE[]", "curvature": "[]::DOUBLE[]"}
+"""Columns of `paths` that datasets before schema 3.2 lack -> SQL of what `beam_inputs` has in their place."""
+
 BEAMS = f"""
 CREATE OR REPLACE VIEW beams AS
 SELECT * EXCLUDE (pair), pair.rx_beam AS rx_beam, pair.tx_beam AS tx_beam, pair.gain AS gain FROM (
     SELECT {LINK_AT}, carrier_hz, link, is_los,
-           best_beam(tau_s, transfer, angles, tx_rotation, rx_rotation, carrier_hz) AS pair
+           best_beam(tau_s, transfer, angles, interactions, vertices, first_segment_m, edges, curvatures, tx_rotation,
+                     rx_rotation, carrier_hz) AS pair
     FROM beam_inputs
 )
 """
@@ -223,6 +232,10 @@ def make_connection(dataset: "Dataset", search: BeamSearch | None = None) -> "du
         if dataset.info["schema_version"] != SCHEMA_VERSION:
             tables = [dataset.arrow(table).schema.names for table in ("path_gains", "path_geometry")]
             columns = held_columns({name for names in tables for name in names})
+            inputs = BEAM_INPUTS
+            for name in UNKNOWN.keys() - set(columns):
+                inputs = inputs.replace(f"list({name} ORDER", f"list({UNKNOWN[name]} ORDER")
+            made["beam_inputs"] = VIEWS["beam_inputs"][0], inputs
         paths, paths_at = paths_sql(columns)
         made["paths"] = VIEWS["paths"][0], paths
         if dataset.filesystem is None:
@@ -283,8 +296,9 @@ def _quoted(text: str) -> str:
 
 def _add_functions(connection: "duckdb.DuckDBPyConnection", search: BeamSearch) -> None:
     lists = "DOUBLE[]"
+    of_beams = [lists] * 3 + ["TINYINT[][]", "DOUBLE[][]", lists, "DOUBLE[][]", "DOUBLE[][]", lists, lists, "DOUBLE"]
     functions: dict[str, tuple[Callable, list[str], str]] = {
-        "best_beam": (search.sql, [lists] * 5 + ["DOUBLE"], "STRUCT(rx_beam INTEGER, tx_beam INTEGER, gain DOUBLE)"),
+        "best_beam": (search.sql, of_beams, "STRUCT(rx_beam INTEGER, tx_beam INTEGER, gain DOUBLE)"),
         "csi": (csi_sql, [lists] * 3 + ["DOUBLE", lists], "STRUCT(re DOUBLE[], im DOUBLE[])"),
     }
     for name, (function, parameters, result) in functions.items():

@@ -4,7 +4,7 @@ import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pyarrow as pa
 import pyarrow.dataset as pds
@@ -14,6 +14,9 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.storage.schemas import views, views_of
 from mmw.storage.table_spec import ViewSpec
+
+if TYPE_CHECKING:
+    from mmw.dataset.dataset import Dataset
 
 
 class TableReader(Protocol):
@@ -135,6 +138,14 @@ def read_view(
         return join_paths(gains, geometry, columns)
     except InputError as error:
         raise InputError(f"{reader.root}: {error}") from error
+
+
+def path_columns(dataset: "Dataset") -> tuple[str, ...]:
+    """Return the columns of `paths` that `CarrierPaths.from_table` reads; of an older schema those that it has."""
+    from mmw.channel.path_table import NEEDED_COLUMNS, PATH_COLUMNS
+
+    held = {*NEEDED_COLUMNS, *(dataset.arrow("path_geometry").schema.names if dataset.views else PATH_COLUMNS)}
+    return tuple(name for name in PATH_COLUMNS if name in held)
 
 
 def check_columns(root: object, table: str, known: Sequence[str], names: Sequence[str]) -> None:

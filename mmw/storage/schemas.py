@@ -20,7 +20,7 @@ from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.storage.table_spec import TableSpec, ViewSpec
 
-SCHEMA_VERSION = "3.1"
+SCHEMA_VERSION = "3.2"
 """Major number: readers must change. Minor number: columns or tables were added."""
 
 CORE_TABLES = ("mmw.scene.tables:FRAMED_TABLES", "mmw.channel.tables:TABLES", "mmw.scene.tables:STATIC_TABLES")

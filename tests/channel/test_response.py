@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from mmw.channel import (
-    PATH_COLUMNS,
     CarrierPaths,
     complex_gain,
     frequency_response,
@@ -12,6 +11,7 @@ from mmw.channel import (
     subcarrier_frequencies,
     taps,
 )
+from mmw.channel.path_table import NEEDED_COLUMNS
 from mmw.core.constants import SPEED_OF_LIGHT
 from tests.fixtures.path_tables import CARRIER, path_table, two_paths
 from tests.oracles.sionna import read_case
@@ -157,7 +157,7 @@ def test_errors() -> None:
 
 
 def reference_rows(case: dict, tau: str) -> CarrierPaths:
-    table = {name: np.zeros(len(case["rx"])) for name in PATH_COLUMNS}
+    table = {name: np.zeros(len(case["rx"])) for name in NEEDED_COLUMNS}
     table |= {name: np.full(len(case["rx"]), "-") for name in ("scenario", "weather", "peer")}
     table |= {
         "agent": np.array([f"cav_{rx}" for rx in case["rx"]]),

@@ -20,6 +20,8 @@ def tracks_of(rows: list[tuple[int, int, float, float]], frames: int) -> PathTra
         carrier_hz=28e9, keys=keys, link=frame.astype(np.int64), row=np.arange(len(rows)),
         is_los=np.zeros(len(rows), dtype=bool), tau=1e-9 * delay, transfer=np.zeros((len(rows), 2, 2), dtype=complex),
         a=level.astype(complex), theta_t=zeros, phi_t=zeros, theta_r=zeros, phi_r=zeros, doppler_hz=zeros,
+        interaction=np.zeros((len(rows), 0), dtype=np.int8), vertex=np.zeros((len(rows), 0, 3)), first_segment_m=zeros,
+        edge=np.full((len(rows), 3), np.nan), curvature=np.full((len(rows), 6), np.nan),
     )  # fmt: skip
     return tracks_from_rows(paths, name.astype(np.int64))
 

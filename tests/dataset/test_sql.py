@@ -113,14 +113,15 @@ def test_distance_does_not_dim_a_beam() -> None:
     angle = np.tile([0.3, np.pi / 2, -2.0, np.pi / 2], (3, 1))
     paths = plain_paths(28e9, count, np.arange(count), np.array([0.0, 1e-7, 8e-7]), transfer, angle)
     turn = np.tile(np.eye(3), (count, 1, 1))
-    found = BeamSearch().best(paths, turn, turn)
+    found = BeamSearch(wavefront="plane").best(paths, turn, turn)
     assert len(set(found.rx_beam)) == len(set(found.tx_beam)) == 1
     np.testing.assert_allclose(found.gain, found.gain[0], rtol=1e-9)
     assert found.gain[0] > 10**-0.78 * 64 * 16 * 1e-8  # at worst half a beam aside at both ends, 3.9 dB each
 
 
 def test_a_link_without_path_has_no_beam(connection: duckdb.DuckDBPyConnection) -> None:
-    query = """SELECT best_beam([]::DOUBLE[], []::DOUBLE[], []::DOUBLE[], [0.0, 0, 0, 1], [0.0, 0, 0, 1], 28e9) AS b,
+    query = """SELECT best_beam([]::DOUBLE[], []::DOUBLE[], []::DOUBLE[], []::TINYINT[][], []::DOUBLE[][], []::DOUBLE[],
+        []::DOUBLE[][], []::DOUBLE[][], [0.0, 0, 0, 1], [0.0, 0, 0, 1], 28e9) AS b,
         csi([]::DOUBLE[], []::DOUBLE[], []::DOUBLE[], 28e9, [0.0, 1e6]) AS h"""
     (beam, h) = connection.sql(query).fetchall()[0]
     assert beam == {"rx_beam": -1, "tx_beam": -1, "gain": 0.0} and h == {"re": [0.0, 0.0], "im": [0.0, 0.0]}

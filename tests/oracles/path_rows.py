@@ -6,6 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.channel.links import Links
+from mmw.channel.path_table import first_segments
 from mmw.channel.paths import PATH_KINDS, PathSet
 from mmw.channel.tables import PATHS
 from mmw.scene.table_rows import Columns, choices
@@ -71,4 +72,11 @@ def path_rows(
         "objects": lists(paths.object_id),
         "materials": lists(paths.material_id),
         "surfaces": lists(paths.surface),
+        "first_segment_m": first_segments(links.tx.position[link], paths.vertex[path], paths.tau[path]),
+        **{
+            name: pa.array(
+                [[] if np.isnan(one).any() else one.tolist() for one in values[path]], pa.list_(pa.float64())
+            )
+            for name, values in (("edge", paths.edge), ("curvature", paths.curvature))
+        },
     }

@@ -79,8 +79,9 @@ def _as_path_set(
 PATH_SET_FIELDS = {
     "path_id": "path_ids", "kind": "kind_id", "order": "depth", "interaction": "interaction_types",
     "surface": "surface_ids", "object_id": "object_ids", "material_id": "material_ids", "vertex": "vertices",
-    "normal": "normals", "tau": "tau", "theta_t": "theta_t", "phi_t": "phi_t", "theta_r": "theta_r", "phi_r": "phi_r",
-    "range_rate": "range_rate",
+    "normal": "normals", "edge": "edges", "curvature": "curvatures", "tau": "tau",
+    "theta_t": "theta_t", "phi_t": "phi_t", "theta_r": "theta_r",
+    "phi_r": "phi_r", "range_rate": "range_rate",
 }  # fmt: skip
 """Field of `PathSet` -> field of `mmw.Paths`."""
 
@@ -88,6 +89,7 @@ PATH_SET_FIELDS = {
 def _nothing(name: str, config: ChannelConfig) -> np.ndarray:
     """Return an array of no paths."""
     depth, carriers = max(1, config.max_depth), len(config.carriers_hz)
-    shapes = {"vertices": (depth, 3), "normals": (depth, 3), "transfer": (carriers, 2, 2), "a": (carriers,)}
+    shapes = {"vertices": (depth, 3), "normals": (depth, 3), "edges": (3,), "curvatures": (6,)}
+    shapes |= {"transfer": (carriers, 2, 2), "a": (carriers,)}
     shapes |= dict.fromkeys(("interaction_types", "surface_ids", "object_ids", "material_ids"), (depth,))
     return np.zeros((0, *shapes.get(name, (carriers,) if name in LOSSES else ())))

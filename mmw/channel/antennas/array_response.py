@@ -1,21 +1,24 @@
-"""Apply arrays to paths: the coefficient between every antenna of both ends, under plane waves.
+"""Apply arrays to paths: the coefficient between every antenna of both ends, under plane or spherical waves.
 
-    A_m[r, t] = F_r^T T_m F_t exp(+j 2 pi / lambda (k_t . d_t + k_r . d_r))
+    A_m[r, t] = F_r^T T_m F_t exp(+j 2 pi / lambda (k_t . d_t + k_r . d_r))       plane waves
 
 with T_m the stored 2x2 transfer, F the element fields in the world's (theta, phi) basis, d the antennas' offsets from
-the phase center, k_t the direction of departure and k_r the one from the receiver back along the path. A_m is at the
-carrier, and holds no carrier phase: the complex gain is A_m exp(-j 2 pi f_c tau_m).
+the phase center, k_t the direction of departure and k_r the one from the receiver back along the path. Spherical waves
+have exp(-j 2 pi / lambda (L_rt - L)) with the length L_rt of the path between the elements, see `wavefronts`. A_m is at
+the carrier, and holds no carrier phase: the complex gain is A_m exp(-j 2 pi f_c tau_m).
 
 Source: 3GPP TR 38.901, section 7.5, step 11 (fields, transfer, array phases); Sionna RT 2.2, synthetic arrays.
 """
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel.antennas.arrays import ElementArray
 from mmw.channel.antennas.patterns import antenna_field
+from mmw.channel.antennas.spherical_response import ArrayEnd, spherical_response
+from mmw.channel.antennas.wavefronts import MAX_PLANE_WAVE_ERROR_RAD, Wavefront, find_wavefronts
 from mmw.channel.path_table import CarrierPaths, encode_key, read_column, read_numbers
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
@@ -33,6 +36,9 @@ def apply_arrays(
     carrier_hz: float,
     tx_rotation: ArrayLike | None = None,
     rx_rotation: ArrayLike | None = None,
+    *,
+    wavefront: Wavefront = "auto",
+    max_plane_error_rad: float = MAX_PLANE_WAVE_ERROR_RAD,
 ) -> np.ndarray:
     """Return the coefficients A_m of every path between all antennas.
 
@@ -44,13 +50,17 @@ def apply_arrays(
         tx_rotation: Agent-to-world rotations of the transmitters, shape [L, 3, 3] or [3, 3]; None for agents whose axes
             are the world's. `rotations_from_poses` gives them.
         rx_rotation: The same for the receivers.
+        wavefront: `plane` waves; `spherical` ones, whose phases are those of every element's own path; or `auto`:
+            spherical for the paths whose plane wave could be wrong by more than `max_plane_error_rad`.
+        max_plane_error_rad: That limit [rad]; pi / 8 is the Fraunhofer distance 2 D^2 / lambda.
 
     Returns:
         Voltage ratios without the carrier phase, shape [P, N_r, N_t], complex128: 16 P N_r N_t bytes. Process links
         in portions (`CarrierPaths.take`) where that is too much.
 
     Raises:
-        InputError: If the carrier is not that of the paths, or a rotation has another shape or is none.
+        InputError: If the carrier is not that of the paths, a rotation has another shape or is none, or a path needs
+            spherical waves and its rows do not tell them (`WAVEFRONT_COLUMNS`), or its kind is not known.
 
     Examples:
         >>> import mmw
@@ -65,31 +75,59 @@ def apply_arrays(
             f"apply_arrays: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds "
             "for one carrier; make CarrierPaths of the rows at the carrier that is wanted"
         )
-    tx_field, tx_phase = _end(paths, tx_array, paths.theta_t, paths.phi_t, tx_rotation, "tx_rotation")
-    rx_field, rx_phase = _end(paths, rx_array, paths.theta_r, paths.phi_r, rx_rotation, "rx_rotation")
-    element = np.einsum("pri,pij,ptj->prt", rx_field, paths.transfer, tx_field)
-    count = len(paths)
-    full = element[:, :, None, :, None] * rx_phase[:, None, :, None, None] * tx_phase[:, None, None, None, :]
-    return full.reshape(count, rx_array.antenna_count, tx_array.antenna_count)
+    if wavefront not in get_args(Wavefront):
+        raise InputError(f"apply_arrays: wavefront = {wavefront!r}; it is {', '.join(get_args(Wavefront))}")
+    tx, rx = _End(paths, tx_array, tx_rotation, "tx"), _End(paths, rx_array, rx_rotation, "rx")
+    element = np.einsum("pri,pij,ptj->prt", rx.field, paths.transfer, tx.field)
+    shape = len(paths), rx_array.antenna_count, tx_array.antenna_count
+    if wavefront == "plane" or not tx.elements.radius + rx.elements.radius > 0.0:
+        return _plane(element, tx, rx).reshape(shape)
+    waves = find_wavefronts(paths)
+    error = waves.plane_wave_error(tx.elements.radius, rx.elements.radius, carrier_hz)
+    is_spherical = error > (max_plane_error_rad if wavefront == "auto" else -1.0)
+    if len(paths) and is_spherical.all():
+        return spherical_response(element, waves, tx.elements, rx.elements, carrier_hz).reshape(shape)
+    full, rows = _plane(element, tx, rx), np.flatnonzero(is_spherical)
+    if len(rows):
+        ends = tx.elements.take(rows), rx.elements.take(rows)
+        full[rows] = spherical_response(element[rows], waves.take(rows), *ends, carrier_hz)
+    return full.reshape(shape)
 
 
-def _end(
-    paths: CarrierPaths, array: ElementArray, theta: np.ndarray, phi: np.ndarray, rotation: ArrayLike | None, name: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return element fields [P, polarizations, 2] and array phases [P, elements] of one end."""
-    turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
-    if turn.shape not in ((3, 3), (paths.link_count, 3, 3)):
-        raise InputError(
-            f"apply_arrays: {name} has shape {turn.shape}; it is [3, 3], or [L, 3, 3] with L = {paths.link_count} links"
-        )
-    if np.abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(initial=0.0) > 1e-6:
-        raise InputError(f"apply_arrays: {name} holds a matrix that is no rotation; its rows must be orthonormal")
-    turn = np.broadcast_to(turn, (paths.link_count, 3, 3))[paths.link]
-    direction = unit_vector(theta, phi)
-    field = antenna_field(direction, turn @ array.rotation, array.pattern, array.polarization, array.polarization_model)
-    offset = array.element_positions(paths.carrier_hz)[: array.element_count]
-    local = np.einsum("pji,pj->pi", turn, direction)
-    return field, np.exp(2j * np.pi * paths.carrier_hz / SPEED_OF_LIGHT * (local @ offset.T))
+class _End:
+    """Array of one end of all paths."""
+
+    def __init__(
+        self, paths: CarrierPaths, array: ElementArray, rotation: ArrayLike | None, end: Literal["tx", "rx"]
+    ) -> None:
+        turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=np.float64)
+        if turn.shape not in ((3, 3), (paths.link_count, 3, 3)):
+            raise InputError(
+                f"apply_arrays: {end}_rotation has shape {turn.shape}; it is [3, 3], or [L, 3, 3] with L = "
+                f"{paths.link_count} links"
+            )
+        if np.abs(turn @ np.swapaxes(turn, -1, -2) - np.eye(3)).max(initial=0.0) > 1e-6:
+            raise InputError(
+                f"apply_arrays: {end}_rotation holds a matrix that is no rotation; its rows must be orthonormal"
+            )
+        turn = np.broadcast_to(turn, (paths.link_count, 3, 3))[paths.link]
+        angles = (paths.theta_t, paths.phi_t) if end == "tx" else (paths.theta_r, paths.phi_r)
+        self._carrier_hz, self._direction = paths.carrier_hz, unit_vector(*angles)
+        kind = array.pattern, array.polarization, array.polarization_model
+        self.field = antenna_field(self._direction, turn @ array.rotation, *kind)
+        """Element fields, shape [P, polarizations, 2]."""
+        self.elements = ArrayEnd(array.element_positions(paths.carrier_hz)[: array.element_count], turn)
+
+    def plane_phase(self) -> np.ndarray:
+        """Return the phasors of the elements under plane waves, shape [P, elements]."""
+        local = np.einsum("pji,pj->pi", self.elements.turn, self._direction)
+        return np.exp(2j * np.pi * self._carrier_hz / SPEED_OF_LIGHT * (local @ self.elements.offset.T))
+
+
+def _plane(element: np.ndarray, tx: _End, rx: _End) -> np.ndarray:
+    """Return coefficients under plane waves, shape [P, polarizations, N_r, polarizations, N_t]."""
+    tx_phase, rx_phase = tx.plane_phase(), rx.plane_phase()
+    return element[:, :, None, :, None] * rx_phase[:, None, :, None, None] * tx_phase[:, None, None, None, :]
 
 
 def rotations_from_poses(poses: Any, paths: CarrierPaths, which: Literal["tx", "rx"]) -> np.ndarray:

@@ -26,8 +26,9 @@ def finite_shares(
     wedges: WedgeHits,
     outlines: OutlineTable,
     carriers_hz: tuple[float, ...],
-) -> np.ndarray:
-    """Return the product of the shares of all reflections and diffractions of each path, shape [P, C], complex128.
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the product of the shares of all reflections and diffractions of each path, shape [P, C], complex128, and
+    the curvature of the surface that reflects, see `PathSet`, NaN for flat ones, shape [P, 6].
 
     Args:
         search: Scene, links and surfaces of the paths.
@@ -38,15 +39,20 @@ def finite_shares(
         carriers_hz: Carrier frequencies [Hz], shape [C].
     """
     share = _edge_shares(search.table.wedges, found, geometry, wedges, carriers_hz)
+    curvature = np.full((len(found), 6), np.nan)
     is_specular = found.kind == SPECULAR
     curved = search.table.curved
     if curved is not None:
         is_curved = is_specular & curved.is_curved[np.where(is_specular, found.surface, 0)]
-        share *= _curved_shares(search, found, np.flatnonzero(is_curved.any(axis=1)), curved, carriers_hz)
+        rows = np.flatnonzero(is_curved.any(axis=1))
+        if len(rows):
+            own, curvature[rows] = _curved_shares(search, found, rows, curved, carriers_hz)
+            share[rows] *= own
+            curvature[found.order > 1] = np.nan  # its facet is a mirror where an edge is on the path too
         is_specular &= ~is_curved
     path, step = np.nonzero(is_specular)
     if not len(path):
-        return share
+        return share, curvature
     table, device = search.table, search.scene.device
     vertex, normal = found.vertex[path, step], found.normal[path, step]
     ends = np.concatenate([search.links.tx.position[found.link][:, None], found.vertex], axis=1)
@@ -83,7 +89,7 @@ def finite_shares(
     wp.launch(share_kernel, dim=out.shape, inputs=inputs, outputs=[out], device=device)
     values = out.numpy()
     np.multiply.at(share, path, values[..., 0] + 1j * values[..., 1])
-    return share
+    return share, curvature
 
 
 def _edge_shares(
@@ -118,13 +124,11 @@ def weakest_shares(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
 
 def _curved_shares(
     search: Search, found: TracedPaths, path: np.ndarray, curved: CurvedTable, carriers_hz: tuple[float, ...]
-) -> np.ndarray:
-    """Return the shares of paths whose only interaction is at a curved surface, 1 for the others, shape [P, C]."""
-    share = np.ones((len(found), len(carriers_hz)), dtype=np.complex128)
-    if not len(path):
-        return share
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shares of paths whose only interaction is at a curved surface, [n, C], and its curvature, [n, 6]."""
     device, links = search.scene.device, search.links
     out = wp.empty((len(path), len(carriers_hz)), dtype=wp.vec2d, device=device)
+    bent = wp.full(len(path), wp.mat33d(*[np.nan] * 9), dtype=wp.mat33d, device=device)
     link, step = found.link[path], np.argmax(found.kind[path] == SPECULAR, axis=1)
     given = [
         (SPEED_OF_LIGHT / np.array(carriers_hz), wp.float64),
@@ -137,7 +141,6 @@ def _curved_shares(
     host_pose = wp.array(search.host_pose, dtype=wp.transformd, device=device)
     inputs = [search.table.device, curved.device, search.outlines, host_pose]
     inputs += [wp.array(values, dtype=dtype, device=device) for values, dtype in given]
-    wp.launch(curved_share_kernel, dim=out.shape, inputs=inputs, outputs=[out], device=device)
+    wp.launch(curved_share_kernel, dim=out.shape, inputs=inputs, outputs=[out, bent], device=device)
     values = out.numpy()
-    share[path] = values[..., 0] + 1j * values[..., 1]
-    return share
+    return values[..., 0] + 1j * values[..., 1], bent.numpy()[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]

@@ -284,7 +284,8 @@ class PathSolver:
             tau=found.tau, a=found.a[weather], transfer=found.transfer[weather], theta_t=found.theta_t,
             phi_t=found.phi_t, theta_r=found.theta_r, phi_r=found.phi_r, range_rate=found.range_rate,
             kind_id=found.kind, depth=found.order, interaction_types=found.interaction, vertices=found.vertex,
-            normals=found.normal, object_ids=found.object_id, material_ids=found.material_id,
+            normals=found.normal, edges=found.edge, curvatures=found.curvature, object_ids=found.object_id,
+            material_ids=found.material_id,
             surface_ids=found.surface, path_ids=found.path_id, **found.loss_db[weather],
         )  # fmt: skip
 

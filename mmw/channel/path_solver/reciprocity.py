@@ -79,7 +79,7 @@ def add_reversed_links(
         joined[f"{angle}_r"] = np.concatenate([at_rx, at_tx[row]])
     all_link = np.concatenate([traced[paths.link], link])
     own = np.concatenate([np.arange(len(paths)), row])
-    for name in ("kind", "order", "tau", "range_rate"):
+    for name in ("kind", "order", "edge", "curvature", "tau", "range_rate"):
         joined[name] = getattr(paths, name)[own]
     surface = joined["surface"][len(paths) :]
     named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)

@@ -19,7 +19,7 @@ from mmw.channel.paths import PathSet, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
-from mmw.physics.em.diffraction import DiffractionModel, is_lit
+from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
 from mmw.physics.em.field import combine
 from mmw.physics.em.path_gain import wedge_terms_of
 from mmw.physics.materials.material import Material
@@ -88,18 +88,21 @@ def trace_links(
         lit = interactions.wedges.path[is_lit(geometry, interactions.wedges)]
         keep = np.setdiff1d(np.arange(len(found)), lit)
         found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
-    share = None
+    share = curvature = None
     if table.outlines is not None:
-        share = finite_shares(search, found, geometry, interactions.wedges, table.outlines, config.carriers_hz)
+        share, curvature = finite_shares(
+            search, found, geometry, interactions.wedges, table.outlines, config.carriers_hz
+        )
         keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
         found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
-        share = share[keep]
+        share, curvature = share[keep], curvature[keep]
     range_rate = range_rates(search, found, geometry)
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
         inside = table.foliage.lengths_inside(scene, *ends, found)
-    return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of, share)
+    shape = share, curvature
+    return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of, *shape)
 
 
 def path_gains(
@@ -144,6 +147,8 @@ def path_gains(
         material_id=trace.interactions.material_id,
         vertex=found.vertex,
         normal=found.normal,
+        edge=_edges(len(found), trace.interactions.wedges),
+        curvature=np.full((len(found), 6), np.nan) if trace.curvature is None else trace.curvature,
         tau=geometry.length / SPEED_OF_LIGHT,
         **{name: getattr(geometry, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
         range_rate=trace.range_rate,
@@ -155,6 +160,13 @@ def path_gains(
     if config.dynamic_range_db is not None:
         paths = paths.within(config.dynamic_range_db)
     return paths if is_whole else add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall)
+
+
+def _edges(count: int, wedges: WedgeHits) -> np.ndarray:
+    """Return the unit vector along the edge of each path, NaN without one, shape [P, 3]."""
+    edge = np.full((count, 3), np.nan)
+    edge[wedges.path] = wedges.edge
+    return edge
 
 
 def solve_paths(

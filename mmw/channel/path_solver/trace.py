@@ -39,6 +39,8 @@ class Trace:
     """Row of the traced link that each link is the reverse of, -1 for none, shape [L]."""
     share: np.ndarray | None
     """Share of the mirror's field that finite surfaces reflect, at every carrier, shape [P, C]; None if infinite."""
+    curvature: np.ndarray | None
+    """Curvature of the surface that reflects, see `PathSet`, shape [P, 6]; None if surfaces are infinite planes."""
 
     def take(self, rows: np.ndarray) -> "Trace":
         """Return some of the paths, in their order."""
@@ -50,6 +52,7 @@ class Trace:
             range_rate=self.range_rate[rows],
             foliage_m=self.foliage_m[rows],
             share=None if self.share is None else self.share[rows],
+            curvature=None if self.curvature is None else self.curvature[rows],
         )
 
 

@@ -16,9 +16,12 @@ import numpy as np
 from mmw.channel.antennas.arrays import ElementArray
 from mmw.channel.antennas.link_elements import EndElements, LinkElements
 from mmw.channel.antennas.patterns import antenna_field
+from mmw.channel.antennas.spherical_response import ArrayEnd, transmit_phasors
+from mmw.channel.antennas.wavefronts import MAX_PLANE_WAVE_ERROR_RAD, Wavefronts, find_wavefronts
 from mmw.channel.links import Links
 from mmw.channel.path_solver.solver import check_channel_materials, path_gains, trace_links
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
+from mmw.channel.path_table import samples_from_paths
 from mmw.channel.radio_map.cell_points import grid_in_cells, spatial_order
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
@@ -99,9 +102,11 @@ def solve_radio_map(
                 trace, channel, {"": materials}, None if air is None else {"": air}, LinkElements(end, end)
             )
             departure = unit_vector(paths.theta_t, paths.phi_t)
-            field = precoded_field(
-                array, transmitters.rotation[row], transmitters.weights[row], departure, config.carrier_hz
-            )
+            waves = None
+            if array.element_count > 1:
+                waves = find_wavefronts(samples_from_paths(links, paths, "", 0))
+            turn, weights = transmitters.rotation[row], transmitters.weights[row]
+            field = precoded_field(array, turn, weights, departure, config.carrier_hz, waves)
             arriving = np.einsum("pij,pj->pi", paths.transfer[""][:, 0], field)
             power = (np.abs(arriving) ** 2).sum(axis=1)
             gain[order[part]] = np.bincount(paths.link, power, minlength=len(links))
@@ -144,9 +149,14 @@ def _links(transmitters: Transmitters, row: int, points: np.ndarray, frame: int,
 
 
 def precoded_field(
-    array: ElementArray, rotation: np.ndarray, weights: np.ndarray, direction: np.ndarray, carrier_hz: float
+    array: ElementArray,
+    rotation: np.ndarray,
+    weights: np.ndarray,
+    direction: np.ndarray,
+    carrier_hz: float,
+    waves: Wavefronts | None = None,
 ) -> np.ndarray:
-    """Return the far field h^T p of an array in directions, in the world's basis.
+    """Return the field h^T p of an array in directions, in the world's basis, as at its phase center.
 
     Args:
         array: The array.
@@ -154,6 +164,8 @@ def precoded_field(
         weights: Weight p of each antenna, not conjugated, shape [K].
         direction: Unit directions, world frame, shape [P, 3].
         carrier_hz: Carrier frequency [Hz].
+        waves: Waves of the paths in these directions: in the near field of the array they are spherical, see
+            `mmw.channel.apply_arrays`. None for the far field.
 
     Returns:
         Components (theta, phi), shape [P, 2], complex128.
@@ -162,11 +174,19 @@ def precoded_field(
     """
     rows = max(1, PHASES_AT_ONCE // array.element_count)
     if len(direction) > rows:
-        parts = [direction[begin : begin + rows] for begin in range(0, len(direction), rows)]
-        return np.concatenate([precoded_field(array, rotation, weights, part, carrier_hz) for part in parts])
+        parts = [slice(begin, begin + rows) for begin in range(0, len(direction), rows)]
+        return np.concatenate([
+            precoded_field(array, rotation, weights, direction[part], carrier_hz, waves and waves.take(part))
+            for part in parts
+        ])  # fmt: skip
     turn = np.broadcast_to(rotation @ array.rotation, (len(direction), 3, 3))
     field = antenna_field(direction, turn, array.pattern, array.polarization, array.polarization_model)
     offset = array.element_positions(carrier_hz)[: array.element_count] @ rotation.T
     phase = np.exp(2j * np.pi * carrier_hz / SPEED_OF_LIGHT * np.einsum("px,ex->pe", direction, offset))
+    if waves is not None:
+        offset = array.element_positions(carrier_hz)[: array.element_count]
+        end = ArrayEnd(offset, np.broadcast_to(rotation, (len(direction), 3, 3)))
+        near = np.flatnonzero(waves.plane_wave_error(end.radius, 0.0, carrier_hz) > MAX_PLANE_WAVE_ERROR_RAD)
+        phase[near] = transmit_phasors(waves.take(near), end.take(near), carrier_hz)
     by_polarization = weights.reshape(-1, array.element_count)  # antenna n = p E + e
     return np.einsum("psx,ps->px", field, np.einsum("pe,se->ps", phase, by_polarization))

@@ -90,7 +90,7 @@ def test_response_is_within_the_plane_wave_error_of_spherical_waves() -> None:
             steered[name] = points[:, None] + np.einsum("pij,nj->pni", turn, array.element_positions(CARRIER))
         r = np.linalg.norm(steered["r"][:, :, None] - steered["t"][:, None], axis=3)
         exact = WAVE / (4 * np.pi * r) * np.exp(-2j * np.pi * r / WAVE)
-        a = apply_arrays(paths, tx_array, rx_array, CARRIER, *turns)
+        a = apply_arrays(paths, tx_array, rx_array, CARRIER, *turns, wavefront="plane")
         ends = [PlanarArray(pattern="iso", orientation=array.orientation) for array in (tx_array, rx_array)]
         polarization = (
             apply_arrays(paths, *ends, CARRIER, *turns)

@@ -66,7 +66,8 @@ def test_a_ring_is_within_the_plane_wave_error_of_spherical_waves() -> None:
     paths, turn = sight(tx, tx + away), random_turns(rng, 30)
     elements = tx[:, None] + np.einsum("pij,nj->pni", turn, array.element_positions(CARRIER))
     r = np.linalg.norm((tx + away)[:, None] - elements, axis=2)
-    gain = apply_arrays(paths, array, single, CARRIER, turn)[:, 0] * np.exp(-2j * np.pi * CARRIER * paths.tau)[:, None]
+    gain = apply_arrays(paths, array, single, CARRIER, turn, wavefront="plane")[:, 0]
+    gain = gain * np.exp(-2j * np.pi * CARRIER * paths.tau)[:, None]
     alone = apply_arrays(paths, single, single, CARRIER, turn)[:, 0]  # its polarization
     phase = np.abs(np.angle(gain / alone * np.exp(2j * np.pi * r / WAVE)))
     bound = plane_wave_error(array, paths.tau * SPEED_OF_LIGHT, CARRIER)

@@ -58,7 +58,8 @@ def test_synthesis_equals_element_tracing_within_the_plane_wave_error(
     ids, exact, traced = element_response(scene, links, tx_array, rx_array)
     centre = solve_paths(scene, links, CONFIG, scene.arrays.materials)
     rows = rows_from_paths(links, centre, "sunny", CARRIER)
-    a = apply_arrays(rows, tx_array, rx_array, CARRIER, links.tx.rotation, links.rx.rotation)
+    turns = links.tx.rotation, links.rx.rotation
+    a = apply_arrays(rows, tx_array, rx_array, CARRIER, *turns, wavefront="plane")
     a = a * np.exp(-2j * np.pi * CARRIER * rows.tau)[:, None, None]
     assert len(centre) == 4 and traced.order.max() == 2
     np.testing.assert_array_equal(np.sort(centre.path_id), ids)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import fresnel, hankel2, jv
 
+from mmw.channel.antennas.curved_waves import symmetric
 from mmw.channel.path_solver.curved_candidates import separate_points
 from mmw.channel.path_solver.curved_surfaces import CurvedPart, CurvedTable, find_curved
 from mmw.channel.path_solver.traced_paths import TracedPaths
@@ -119,6 +120,21 @@ def test_a_ball_spreads_as_geometrical_optics_says(incidence: float, device: str
     rho, cosine = 0.5 * away, np.cos(incidence)
     expected = -10 * np.log10((1 + 2 * rho / (radius * cosine)) * (1 + 2 * rho * cosine / radius))
     np.testing.assert_allclose(reflected_db(paths)[0], expected, atol=0.5)
+
+
+def test_paths_have_the_curvature_of_their_surface(device: str) -> None:
+    """1/a across the axis of a post, 1/a both ways on a ball, over the plane across the normal; none for flat ones."""
+    for part, radius, bends in ((tube(0.3, 24), 0.3, [0, 0, 1]), (sphere(0.5, 24, 10.0), 0.5, [0, 1, 1])):
+        parts = [part, box_part("wall", (1.0, 40.0, 40.0), (-20.0, 0.0, 20.0), "metal", "building")]
+        paths = solve(parts, (12.0, 2.0, 10.0), [(9.0, 14.0, 11.0)], device)
+        is_curved = np.isfinite(paths.curvature).all(axis=1)
+        assert is_curved.tolist() == [
+            bool(r) for r in (paths.interaction[:, 0] == SPECULAR) & (paths.vertex[:, 0, 0] > -5)
+        ]
+        (row,) = np.flatnonzero(is_curved)
+        matrix = symmetric(paths.curvature)[row]
+        np.testing.assert_allclose(np.linalg.eigvalsh(matrix) * radius, bends, atol=0.05)
+        np.testing.assert_allclose(matrix @ paths.normal[row, 0], 0.0, atol=0.02 / radius)
 
 
 def test_a_post_is_one_wall_all_around(device: str) -> None:

@@ -286,3 +286,15 @@ def test_the_field_of_an_array_does_not_depend_on_portions(monkeypatch: pytest.M
     monkeypatch.setattr("mmw.channel.radio_map.solver.PHASES_AT_ONCE", 60)
     np.testing.assert_array_equal(precoded_field(array, np.eye(3), weights, ray, CARRIER), whole)
     assert whole.shape == (100, 2) and np.iscomplexobj(whole)
+
+
+def test_cells_near_a_wide_array_have_spherical_waves(device: str) -> None:
+    """Against the sum over all elements of 1 x 256 at 15 to 25 m in free space, weighted for the far field ahead."""
+    array = PlanarArray(1, 256, pattern="iso")
+    tx = Transmitters(("wide",), np.array([[0.0, 0.0, 5.0]]), np.eye(3)[None], np.full(1, 44.0), array)
+    surface = plane_grid((20.0, 0.0, 5.0), (10.0, 4.0), 1.0)
+    found = trace(arrays_from_parts([ground_part(1.0, -50.0)]), device, tx, surface, max_depth=0)
+    places = tx.position + array.local_positions(CARRIER)
+    distance = np.linalg.norm(surface.center[:, None] - places, axis=2)
+    field = (np.exp(-2j * np.pi * CARRIER / SPEED_OF_LIGHT * distance) / distance).sum(axis=1) / 16.0
+    check(found, UNIT * np.abs(field) ** 2, rtol=1e-4)

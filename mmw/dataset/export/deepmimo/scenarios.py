@@ -38,7 +38,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, PlanarArray, apply_arrays
+from mmw.channel import LINK_COLUMNS, CarrierPaths, PlanarArray, apply_arrays
 from mmw.channel.response import complex_gain
 from mmw.config.sampling import UNSET, Sampling
 from mmw.core.errors import InputError
@@ -48,6 +48,7 @@ from mmw.dataset.export.deepmimo.scene import material_list, write_actors, write
 from mmw.dataset.export.exporter import VEHICLE_ROLES, Format, Option, Options, Part, Selection, Task, parts, require
 from mmw.dataset.export.read_radio import Antennas, read_antennas
 from mmw.dataset.export.read_sensors import Block
+from mmw.dataset.table_reader import path_columns
 from mmw.storage.manifest import DATASET
 
 FOLDER = "deepmimo_scenarios"
@@ -82,7 +83,8 @@ def read_radio(dataset: Dataset, part: Part, carrier_hz: float, antennas: Antenn
     """Return links and paths at one carrier, with the coefficients of the antenna that the options name."""
     lists = ["path_id", "interactions", "vertices", "objects"]
     block = Block(dataset, part.scenario, part.weather, part.frames)
-    rows, links = block.table("paths", [*PATH_COLUMNS, *lists]), block.table("links", LINK_COLUMNS)
+    names = list(dict.fromkeys([*path_columns(dataset), *lists]))
+    rows, links = block.table("paths", names), block.table("links", LINK_COLUMNS)
     paths = CarrierPaths.from_table(rows, carrier_hz, links)
     coefficient = paths.a
     if options["pattern"] != "stored":

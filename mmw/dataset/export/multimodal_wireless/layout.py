@@ -319,6 +319,12 @@ FORMAT = Format(
         Option("pattern", "dipole", "element pattern", ("dipole", "hw_dipole", "iso", "tr38901")),
         Option("polarization", "V", "polarization of the elements", ("V", "H")),
         Option(
+            "wavefront",
+            "auto",
+            "waves over the arrays; auto: spherical in their near field; plane: as published",
+            ("auto", "plane", "spherical"),
+        ),
+        Option(
             "depth", "log8", "log8: CARLA's LogarithmicDepth, as published; raw24: CARLA's 24 bits", ("log8", "raw24")
         ),
         Option("lidar", "", "name of the LiDAR, if an agent has several"),

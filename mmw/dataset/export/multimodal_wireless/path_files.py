@@ -8,9 +8,11 @@
 A link without any path has M = 1, gain 0, delay -1 and angles 0, which is how Sionna pads; the published script stopped
 at such a frame. Antennas are counted as Sionna counts them (`mmw.channel.PlanarArray`).
 
-The published files set the first path of each link to delay 0 before any phase is formed (`delays=normalized`): the
-time of flight is lost, and the phase of the link with it. `delays=absolute` has both. Their angles in the
-arrays' frames have pitch with the wrong sign and no roll; those written here are correct.
+The published files have plane waves over their arrays, as Sionna RT's synthetic arrays (`wavefront=plane`); those
+written here have spherical ones where plane waves would be wrong by more than pi / 8. The published files set the first
+path of each link to delay 0 before any phase is formed (`delays=normalized`): the time of flight is lost, and the phase
+of the link with it. `delays=absolute` has both. Their angles in the arrays' frames have pitch with the wrong sign and
+no roll; those written here are correct.
 
 Source: Multimodal-Wireless, `Sionna_channel_storage/channel_storage_v2i.py`, `channel_storage_v2v.py`, `data_utils.py`.
 """
@@ -21,13 +23,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mmw.channel import LINK_COLUMNS, PATH_COLUMNS, CarrierPaths, PlanarArray, apply_arrays, impulse_response
+from mmw.channel import LINK_COLUMNS, CarrierPaths, PlanarArray, apply_arrays, impulse_response
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import VEHICLE_ROLES, Options, Part
 from mmw.dataset.export.read_radio import Antennas, read_antennas
 from mmw.dataset.export.read_sensors import Block
+from mmw.dataset.table_reader import path_columns
 
 ARRAYS = re.compile(r"([1-9]\d*)x([1-9]\d*)-([1-9]\d*)x([1-9]\d*)")
 """Rows x columns of the transmitter, then of the receiver."""
@@ -76,7 +79,7 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
     """Write the files of every link and frame of a part, at every carrier, for every pair of arrays."""
     antennas = read_antennas(dataset, part)
     block = Block(dataset, part.scenario, part.weather, part.frames)
-    rows, links = block.table("paths", PATH_COLUMNS), block.table("links", LINK_COLUMNS)
+    rows, links = block.table("paths", path_columns(dataset)), block.table("links", LINK_COLUMNS)
     pairs = array_pairs(options)
     roles = {agent: role for (_, agent), role in zip(antennas.row, antennas.role, strict=True)}
     rsus = {agent for agent, role in roles.items() if role == "rsu"}
@@ -92,17 +95,18 @@ def write_channels(dataset: Dataset, part: Part, folder: str, options: Options, 
             for pair in pairs:
                 place = out / folder / pair.folder(float(carrier)) / link_folder
                 place.mkdir(parents=True, exist_ok=True)
-                values = link_arrays(link, antennas, pair, options["delays"] == "normalized")
+                values = link_arrays(link, antennas, pair, options)
                 np.savez_compressed(place / f"{frame:06d}_paths.npz", **values)
 
 
-def link_arrays(link: CarrierPaths, antennas: Antennas, pair: ArrayPair, normalize: bool) -> dict[str, np.ndarray]:
-    """Return the arrays of the file of one link; `normalize` counts delays from the first path, phases too."""
+def link_arrays(link: CarrierPaths, antennas: Antennas, pair: ArrayPair, options: Options) -> dict[str, np.ndarray]:
+    """Return the arrays of the file of one link; normalized delays count from the first path, phases too."""
     frame = int(link.keys["frame"][0])
     turns = [
         quaternion_to_matrix(antennas.at([(frame, str(link.keys[end][0]))])[0][0, 3:]) for end in ("peer", "agent")
     ]
-    coefficients = apply_arrays(link, pair.tx, pair.rx, link.carrier_hz, *turns)
+    coefficients = apply_arrays(link, pair.tx, pair.rx, link.carrier_hz, *turns, wavefront=options["wavefront"])
+    normalize = options["delays"] == "normalized"
     if len(link):
         gains, tau = impulse_response(coefficients, link, link.carrier_hz, normalize_delays=normalize)
     else:
