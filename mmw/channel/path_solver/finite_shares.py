@@ -48,7 +48,6 @@ def finite_shares(
         if len(rows):
             own, curvature[rows] = _curved_shares(search, found, rows, curved, carriers_hz)
             share[rows] *= own
-            curvature[found.order > 1] = np.nan  # its facet is a mirror where an edge is on the path too
         is_specular &= ~is_curved
     path, step = np.nonzero(is_specular)
     if not len(path):

@@ -22,7 +22,7 @@ from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
-from mmw.physics.em.interaction import DIFFRACTION
+from mmw.physics.em.interaction import DIFFRACTION, SPECULAR
 from mmw.physics.em.vectors import dot, norm
 
 CANDIDATES_AT_ONCE = 2**20
@@ -52,7 +52,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
         for link, step, is_plane in _joined(_at_mirrors(table, _candidates(search, is_pair))):
             for begin in range(0, len(link), CANDIDATES_AT_ONCE):
                 part = slice(begin, begin + CANDIDATES_AT_ONCE)
-                found.append(_refine(search, link[part], step[part], is_plane)[0])
+                found.append(_of_mirrors(table, _refine(search, link[part], step[part], is_plane)[0]))
         if table.curved is not None and config.specular_reflection and config.max_depth > 0:
             found += list(_curved_paths(search, table.curved))
         if config.diffuse_reflection and len(table):
@@ -119,6 +119,15 @@ def _at_mirrors(table: SurfaceTable, candidates: Iterator[Candidates]) -> Iterat
         surface = np.maximum(step, -1)
         keep = is_mirror[lead[surface] if is_plane else surface].all(axis=1)
         yield link[keep], step[keep], is_plane
+
+
+def _of_mirrors(table: SurfaceTable, paths: TracedPaths) -> TracedPaths:
+    """Return the paths that reflect at flat surfaces: a plane of these may hold facets of curved ones too."""
+    if table.is_mirror is None:
+        return paths
+    is_specular = paths.kind == SPECULAR
+    is_other = is_specular & ~table.is_mirror[np.where(is_specular, paths.surface, 0)]
+    return paths.take(np.flatnonzero(~is_other.any(axis=1)))
 
 
 def _joined(candidates: Iterator[Candidates]) -> Iterator[Candidates]:
