@@ -18,7 +18,7 @@ from mmw.physics.em.interaction import SPECULAR
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.mesh_edges import find_edges
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.scenes import arrays_from_parts, box_part, pose
+from tests.fixtures.scenes import arrays_from_parts, box_part, pose, quad_part
 from tests.oracles import channel as oracle
 
 CARRIERS = (4.9e9, 28e9)
@@ -135,6 +135,23 @@ def test_paths_have_the_curvature_of_their_surface(device: str) -> None:
         matrix = symmetric(paths.curvature)[row]
         np.testing.assert_allclose(np.linalg.eigvalsh(matrix) * radius, bends, atol=0.05)
         np.testing.assert_allclose(matrix @ paths.normal[row, 0], 0.0, atol=0.02 / radius)
+
+
+def test_a_facet_in_the_plane_of_a_wall_reflects_as_its_post_alone(device: str) -> None:
+    radius, sides = 0.2, 8
+    middle, half = 0.2 + np.pi / sides, np.pi / sides
+    normal = np.array([np.cos(middle), np.sin(middle), 0.0])
+    along, up = np.array([-normal[1], normal[0], 0.0]), np.array([0.0, 0.0, 1.0])
+    foot = radius * np.cos(half) * normal
+    corners = [foot + s * along + z * up for s, z in ((5.0, 0.0), (40.0, 0.0), (40.0, 40.0), (5.0, 40.0))]
+    wall = quad_part("Buildings/wall", corners, "metal", "building")
+    tx, rx = (tuple(foot + 20.0 * normal + side * 6.0 * along + 20.0 * up) for side in (-1.0, 1.0))
+    alone, both = (solve(parts, tx, [rx], device) for parts in ([tube(radius, sides)], [tube(radius, sides), wall]))
+    at_post = [
+        np.linalg.norm(paths.vertex[paths.interaction[:, 0] == SPECULAR][:, 0, :2], axis=1) for paths in (alone, both)
+    ]
+    assert [(where < 1.0).sum() for where in at_post] == [1, 1]
+    np.testing.assert_allclose(reflected_db(both)[np.argmin(at_post[1])], reflected_db(alone)[0], atol=0.2)
 
 
 def test_a_post_is_one_wall_all_around(device: str) -> None:
