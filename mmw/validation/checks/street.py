@@ -268,7 +268,7 @@ CHECKS = (
     _azimuth_row(
         "rx", "arrival", sources=(TR38901, NYURAY),
         known_red="half of the model's 41 degrees. Over all scenarios preset `full`, with diffuse reflection, has a "
-        "fifth more than `standard` (docs/reference/channel-statistics.md); what is left is clutter around the car, which "
+        "fifth more than `standard` (docs/reference/channel-statistics.md); the rest is clutter around the car, which "
         "the towns have too little of, as other ray tracers' scenes do",
     ),
     _p1411_row(28.0, is_long=True),
