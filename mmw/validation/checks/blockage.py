@@ -20,7 +20,7 @@ WANG = Source(
     "millimeter wave bands, Int. J. Antennas Propag. 2017", "table 2: maximum attenuation",
     "https://www.hindawi.com/journals/ijap/2017/2961090/tab2/", "document",
 )  # fmt: skip
-P526 = Source("ITU-R P.526-15", "section 4.1, equation 31", "https://www.itu.int/rec/R-REC-P.526", "citation")
+P526 = Source("ITU-R P.526-15", "section 4.1, equation 31", "https://www.itu.int/rec/R-REC-P.526", "other code")
 P2040 = Source(
     "ITU-R P.2040-3 (reflection) and the method of images", "section 2.2.2.1, equation 37; table 3 (concrete)",
     "https://www.itu.int/rec/R-REC-P.2040", "citation",
@@ -323,8 +323,8 @@ CHECKS = (
         tolerance="a factor 2: density of leaves",
         sources=(RAPPAPORT,),
         measure=_crown(73e9, per_metre=True),
-        known_red="the model of Weissberger, for dense trees in leaf, has 1.5 dB/m; the measured trees are thinner (Wang "
-        "et al. 2017: the ITU model overestimates a willow at 26 GHz too). A density of leaves by crown, "
+        known_red="the model of Weissberger, for dense trees in leaf, has 1.5 dB/m; the measured trees are thinner "
+        "(Wang et al. 2017: the ITU model overestimates a willow at 26 GHz too). A density of leaves by crown, "
         "which scales the loss, would mend it",
     ),
 )  # fmt: skip
