@@ -4,7 +4,7 @@ import importlib
 
 from mmw.validation.check import Check
 
-TOPICS = ("materials", "street", "vehicles", "blockage", "radar", "beams", "lidar", "gnss", "near_field")
+TOPICS = ("materials", "street", "vehicles", "blockage", "atmosphere", "radar", "beams", "lidar", "gnss", "near_field")
 """Modules of `mmw.validation.checks`, in the order of the page."""
 
 

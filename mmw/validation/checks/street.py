@@ -264,7 +264,7 @@ CHECKS = (
     Check(
         name="street.nlos_loss_28ghz",
         title="Loss in streets at 28 GHz without line of sight, over P.1411",
-        computed=f"{FULL_SAMPLE}; links of at least 30 m whose line of sight is blocked, mean difference from the median",
+        computed=f"{FULL_SAMPLE}; blocked links of at least 30 m, mean difference from the median",
         unit="dB",
         reference=0.0,
         low=-NLOS_SPREAD_DB,
