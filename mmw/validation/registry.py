@@ -4,7 +4,9 @@ import importlib
 
 from mmw.validation.check import Check
 
-TOPICS = ("materials", "street", "vehicles", "blockage", "atmosphere", "radar", "beams", "lidar", "gnss", "near_field")
+TOPICS = (
+    "materials", "street", "vehicles", "blockage", "atmosphere", "traffic", "radar", "beams", "lidar", "gnss", "near_field",
+)  # fmt: skip
 """Modules of `mmw.validation.checks`, in the order of the page."""
 
 
