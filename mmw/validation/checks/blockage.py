@@ -39,7 +39,7 @@ RAPPAPORT = Source(
 )  # fmt: skip
 
 BODY_GHZ = (26.0, 39.0)
-BODY_STEPS_M = np.linspace(-0.5, 0.5, 21)
+BODY_STEPS_M = np.linspace(-0.5, 0.5, 41)
 """How far the person is from the middle of the link [m]."""
 
 LINK_M, HEIGHT_M = 5.0, 1.2
@@ -82,7 +82,7 @@ def _body_row(number: int, measured_db: float, low: float, high: float) -> Check
         name=f"blockage.body_{BODY_GHZ[number]:g}ghz",
         title=f"Largest loss as a person walks through a link at {BODY_GHZ[number]:g} GHz",
         computed=f"shipped man of 1.79 m, {LINK_M:g} m link at {HEIGHT_M:g} m, he crosses in the middle in steps of "
-        "50 mm; preset `standard`, coherent sum",
+        "25 mm; preset `standard`, coherent sum",
         unit="dB",
         reference=measured_db,
         low=low,

@@ -46,7 +46,7 @@ ENTRIES = (
 )
 """Both lanes of the southern entry of the roundabout of town03, and their connections into the ring."""
 
-SEEDS = tuple(range(1, 7))
+SEEDS = (1, 2, 3, 4)
 
 DURATION_S = 110.0
 
@@ -115,6 +115,7 @@ def _draw_headways(rows: list[np.ndarray], reference: float, first: int) -> Call
         axes.axhline(reference, color="k", ls="--", lw=1, label="published")
         axes.axvline(first, color="C3", lw=0.7, label="counted from here on")
         axes.set_ylim(bottom=0.0)
+        axes.set_xticks(np.arange(2, 2 + max(map(len, rows))))
         axes.set_xlabel("place in the queue")
         axes.set_ylabel("headway [s]")
         axes.legend(fontsize=8)
@@ -137,7 +138,10 @@ def _saturation(device: str) -> Measurement:
 
 
 def _follow_up(device: str) -> Measurement:
-    """Return the mean headway of vehicles of a queue that enter an empty roundabout one after the other."""
+    """Return the median headway of vehicles of a queue that enter an empty roundabout one after the other.
+
+    The last ones may wait for the first, which come round.
+    """
     town, rows = _town("town03"), []
     for lane, connection in ENTRIES:
         for seed in SEEDS:
@@ -145,7 +149,7 @@ def _follow_up(device: str) -> Measurement:
             rows.append(np.diff(_crossing_times(engine, 50.0)))
     found = np.concatenate(rows)
     text = f"{len(found)} headways, {np.nanmin(found):.1f} to {np.nanmax(found):.1f} s"
-    return Measurement(float(np.nanmean(found)), text, _draw_headways(rows, 3.2, 2))
+    return Measurement(float(np.nanmedian(found)), text, _draw_headways(rows, 3.2, 2))
 
 
 def _spacing(device: str) -> Measurement:
@@ -170,7 +174,7 @@ CHECKS = (
     Check(
         name="traffic.saturation_headway",
         title="Saturation headway at a traffic light",
-        computed="IDM engine, queue of 16 sedans in town10, six seeds, greens of 12 s: from the fifth vehicle on",
+        computed="IDM engine, queue of 16 sedans in town10, four seeds, greens of 12 s: from the fifth vehicle on",
         unit="s",
         reference=3600.0 / 1900.0,
         low=1.6,
@@ -185,7 +189,7 @@ CHECKS = (
     Check(
         name="traffic.follow_up_headway",
         title="Follow-up headway at a roundabout",
-        computed="IDM engine, six sedans queue at each lane of the southern entry in town03, empty ring, six seeds",
+        computed="IDM engine, six sedans at each lane of the southern entry in town03, empty ring, four seeds; median",
         unit="s",
         reference=3.2,
         low=2.6,
@@ -201,7 +205,7 @@ CHECKS = (
     Check(
         name="traffic.queue_spacing",
         title="Length of queue a vehicle at a red light",
-        computed="IDM engine, queues of 16 vehicles of all models in town10, six seeds",
+        computed="IDM engine, queues of 16 vehicles of all models in town10, four seeds",
         unit="m",
         reference=7.6,
         low=6.6,
