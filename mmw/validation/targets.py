@@ -1,4 +1,4 @@
-"""Radar targets with closed forms, as scenes."""
+"""Make scenes of single bodies: targets with closed forms, and shipped ones."""
 
 import tempfile
 from collections.abc import Mapping
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from pxr import Gf, Usd, UsdGeom, Vt
 
+from mmw.config.physics_presets import Physics
 from mmw.core.resources import assets_dir
 from mmw.scene import Scene, load_scene
 
@@ -63,6 +64,6 @@ def load_target(mesh: Mesh, device: str, material: str | Mapping[str, Any] = "it
         return load_scene(path, materials={"*": material}, device=device)
 
 
-def load_asset(kind: str, name: str, device: str) -> Scene:
+def load_asset(kind: str, name: str, device: str, physics: Physics = "paper") -> Scene:
     """Return a shipped body alone: `vehicles`, `pedestrians`, `cyclists` or `drones`."""
-    return load_scene(assets_dir() / kind / name / f"{name}.usda", device=device)
+    return load_scene(assets_dir() / kind / name / f"{name}.usda", physics=physics, device=device)

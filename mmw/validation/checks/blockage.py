@@ -8,12 +8,11 @@ import numpy as np
 
 from mmw.channel import PathSolver
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.core.resources import assets_dir
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.scene import load_scene
 from mmw.validation.check import Check, Measurement, Source
-from mmw.validation.small_scenes import add_ends, link_levels_db, scene_of
+from mmw.validation.link_levels import add_ends, link_levels_db
+from mmw.validation.targets import ball, load_asset, load_target
 
 WANG = Source(
     "Wang et al., Attenuation by a human body and trees as well as material penetration loss in 26 and 39 GHz "
@@ -45,6 +44,9 @@ BODY_STEPS_M = np.linspace(-0.5, 0.5, 41)
 LINK_M, HEIGHT_M = 5.0, 1.2
 """Length and height of the link that the person walks through [m]."""
 
+SQUARE = np.array([[0, 1, 2], [0, 2, 3]])
+"""Triangles of four corners."""
+
 CROWN_M = 5.0
 """Diameter of the crown [m]."""
 
@@ -52,7 +54,7 @@ CROWN_M = 5.0
 @cache
 def _body_levels_db(device: str) -> np.ndarray:
     """Return the level over free space as a man walks through the link, shape [steps, carriers]."""
-    scene = load_scene(assets_dir() / "pedestrians" / "man" / "man.usda", physics="standard", device=device)
+    scene = load_asset("pedestrians", "man", device, physics="standard")
     half = 0.5 * LINK_M  # he looks along x and walks along x; the link crosses his way
     ends = [((-x, -half, HEIGHT_M), (-x, half, HEIGHT_M)) for x in BODY_STEPS_M]
     solver = PathSolver.preset("standard", samples_per_tx=5000)
@@ -103,8 +105,8 @@ def _knife_edge(device: str) -> Measurement:
     carrier, side = 28e9, 20.0
     clearance = np.linspace(-0.7, 3.0, 16)
     above = clearance / np.sqrt(2.0 * (2.0 * side) / (SPEED_OF_LIGHT / carrier * side**2))
-    sheet = [(0.0, -40.0, -40.0), (0.0, 40.0, -40.0), (0.0, 40.0, 0.0), (0.0, -40.0, 0.0)]
-    scene = scene_of(sheet, [(0, 1, 2), (0, 2, 3)], "itu_metal", device)
+    sheet = np.array([(0.0, -40.0, -40.0), (0.0, 40.0, -40.0), (0.0, 40.0, 0.0), (0.0, -40.0, 0.0)])
+    scene = load_target((sheet, SQUARE), device, "itu_metal")
     solver = PathSolver.preset("standard", max_depth=1, candidates="exhaustive", edge_diffraction=True)
     loss = -link_levels_db(scene, solver, [((-side, 0.0, -h), (side, 0.0, -h)) for h in above], [carrier])[:, 0]
 
@@ -142,8 +144,8 @@ def two_ray_db(
 def _two_ray(device: str) -> Measurement:
     carrier, heights = 28e9, (4.0, 1.5)
     distance = np.geomspace(5.0, 150.0, 60)
-    ground = [(-200.0, -200.0, 0.0), (200.0, -200.0, 0.0), (200.0, 200.0, 0.0), (-200.0, 200.0, 0.0)]
-    scene = scene_of(ground, [(0, 1, 2), (0, 2, 3)], "itu_concrete", device)
+    ground = np.array([(-200.0, -200.0, 0.0), (200.0, -200.0, 0.0), (200.0, 200.0, 0.0), (-200.0, 200.0, 0.0)])
+    scene = load_target((ground, SQUARE), device, "itu_concrete")
     solver = PathSolver.preset("standard", max_depth=1, candidates="exhaustive")
     ends = [((-0.5 * d, 0.0, heights[0]), (0.5 * d, 0.0, heights[1])) for d in distance]
     level = link_levels_db(scene, solver, ends, [carrier])[:, 0]
@@ -209,7 +211,7 @@ def _post(device: str) -> Measurement:
     for k in range(sides):
         beside = (k + 1) % sides
         faces += [(k, beside, sides + beside), (k, sides + beside, sides + k)]
-    scene = scene_of(points, faces, "itu_metal", device)
+    scene = load_target((np.array(points), np.array(faces)), device, "itu_metal")
     solver = PathSolver.preset("standard", max_depth=1, candidates="exhaustive", diffraction=False, los=False)
     tx, rx = add_ends(scene)
     tx.position = (ends[0], 0.0, 20.0)
@@ -232,30 +234,14 @@ def _post(device: str) -> Measurement:
     return Measurement(float(np.abs(np.subtract(found, expected)).max()), f"{len(found)} angles", draw)
 
 
-def _sphere(radius: float, center: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices and triangles of a sphere."""
-    rings, sides = 17, 36
-    polar, around = np.pi * np.arange(1, rings + 1) / (rings + 1), 2.0 * np.pi * np.arange(sides) / sides
-    inner = [(np.sin(p) * np.cos(a), np.sin(p) * np.sin(a), np.cos(p)) for p in polar for a in around]
-    points = radius * np.array([(0.0, 0.0, 1.0), *inner, (0.0, 0.0, -1.0)]) + np.array(center)
-    last = len(points) - 1
-    faces = []
-    for j in range(sides):
-        k = (j + 1) % sides
-        faces += [(0, 1 + j, 1 + k), (last - sides + j, last, last - sides + k)]
-        for i in range(rings - 1):
-            a, b = 1 + i * sides + j, 1 + i * sides + k
-            faces += [(a, a + sides, b + sides), (a, b + sides, b)]
-    return points, np.array(faces)
-
-
 def _crown(carrier_hz: float, per_metre: bool) -> Callable[[str], Measurement]:
     def measure(device: str) -> Measurement:
-        scene = scene_of(*_sphere(0.5 * CROWN_M, (0.0, 0.0, 10.0)), "itu_wood", device)
+        points, faces = ball(0.5 * CROWN_M, 3)
+        scene = load_target((points, faces), device, "itu_wood")
         scene.add_material("crown", RadioMaterial("itu", itu="itu_wood", medium="foliage"))
-        scene.objects["mesh"].material = "crown"
+        scene.objects["target"].material = "crown"
         solver = PathSolver.preset("standard", samples_per_tx=5000, diffraction=False, air_losses=True)
-        loss = -float(link_levels_db(scene, solver, [((-20.0, 0.0, 10.02), (20.0, 0.0, 10.02))], [carrier_hz])[0, 0])
+        loss = -float(link_levels_db(scene, solver, [((-20.0, 0.0, 0.02), (20.0, 0.0, 0.02))], [carrier_hz])[0, 0])
         return Measurement(loss / CROWN_M if per_metre else loss, f"{loss:.1f} dB over {CROWN_M:g} m")
 
     return measure

@@ -11,7 +11,7 @@ from mmw.validation.check import Check, Measurement, Source
 from mmw.validation.town_links import CARS, RAYS, SHORT, TownLinks, all_scenarios, town_links
 
 P1411 = Source(
-    "ITU-R P.1411-12", "section 4.1.1, equation 1 and its table of coefficients", "https://www.itu.int/rec/R-REC-P.1411", "other code",
+    "ITU-R P.1411-12", "section 4.1.1, equation 1 and its table", "https://www.itu.int/rec/R-REC-P.1411", "other code",
 )  # fmt: skip
 TR38901_LOSS = Source("3GPP TR 38.901", "table 7.4.1-1", "https://www.3gpp.org/dynareport/38901.htm", "citation")
 TR38901 = Source("3GPP TR 38.901", "table 7.5-6 part 1", "https://www.3gpp.org/dynareport/38901.htm", "other code")

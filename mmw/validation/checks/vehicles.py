@@ -9,11 +9,10 @@ import numpy as np
 
 from mmw.channel import PathSolver
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.core.resources import assets_dir
 from mmw.physics.materials.material import RadioMaterial
-from mmw.scene import load_scene
 from mmw.validation.check import Check, Measurement, Source
-from mmw.validation.small_scenes import add_ends
+from mmw.validation.link_levels import add_ends
+from mmw.validation.targets import load_asset
 from mmw.validation.town_links import CARS, RAYS, SHORT, town_links
 
 TR37885_LOSS = Source("3GPP TR 37.885", "table 6.2.1-1", "https://www.3gpp.org/dynareport/37885.htm", "other code")
@@ -88,7 +87,7 @@ def _past_vehicle_db(model: str, device: str) -> np.ndarray:
 
     Powers of paths add.
     """
-    scene = load_scene(assets_dir() / "vehicles" / model / f"{model}.usda", physics="standard", device=device)
+    scene = load_asset("vehicles", model, device, physics="standard")
     scene.add_material("road", RadioMaterial("itu", itu="itu_concrete"))
     corners = [(-80.0, -80.0, 0.0), (80.0, -80.0, 0.0), (80.0, 80.0, 0.0), (-80.0, 80.0, 0.0)]
     scene.add_object("ground", corners, [(0, 1, 2), (0, 2, 3)], material="road", label="road")

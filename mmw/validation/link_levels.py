@@ -1,33 +1,13 @@
-"""Make scenes of a few triangles, and read levels of links in them."""
+"""Read levels of links in small scenes."""
 
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mmw.channel import Paths, PathSolver, PlanarArray
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.scene import Receiver, Scene, Transmitter, load_scene
-
-
-def scene_of(points: ArrayLike, faces: ArrayLike, material: Any, device: str) -> Scene:
-    """Return a scene of one mesh.
-
-    Args:
-        points: Vertices [m], shape [N, 3].
-        faces: Triangles, counter-clockwise from outside, shape [M, 3].
-        material: Radio material, as in `materials` of a configuration.
-        device: Warp device.
-    """
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(points)]
-    lines += [f"f {a} {b} {c}" for a, b, c in np.asarray(faces) + 1]
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "mesh.obj"
-        file.write_text("\n".join(["o mesh", *lines, ""]))
-        return load_scene(file, materials={"*": material}, device=device)
+from mmw.scene import Receiver, Scene, Transmitter
 
 
 def add_ends(scene: Scene) -> tuple[Transmitter, Receiver]:
