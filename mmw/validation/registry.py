@@ -5,7 +5,8 @@ import importlib
 from mmw.validation.check import Check
 
 TOPICS = (
-    "materials", "street", "vehicles", "blockage", "atmosphere", "traffic", "camera", "radar", "beams", "lidar", "gnss", "near_field",
+    "materials", "street", "vehicles", "blockage", "atmosphere", "traffic", "camera",
+    "radar", "beams", "lidar", "gnss", "near_field",
 )  # fmt: skip
 """Modules of `mmw.validation.checks`, in the order of the page."""
 

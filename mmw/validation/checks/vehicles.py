@@ -54,7 +54,6 @@ def _los(carrier_hz: float) -> Callable[[str], Measurement]:
                 axes.plot(links.distance_m[own], links.loss_db[own], "o", ms=4, label=name)
             grid = np.geomspace(links.distance_m.min(), links.distance_m.max(), 50)
             axes.plot(grid, urban_loss_db(grid, carrier_hz), "k--", lw=1, label="TR 37.885")
-            axes.set_xscale("log")
             axes.set_xlabel("distance [m]")
             axes.set_ylabel(f"loss at {carrier_hz / 1e9:g} GHz [dB]")
             axes.legend(fontsize=7)
