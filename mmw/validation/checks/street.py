@@ -300,7 +300,7 @@ CHECKS = (
         sources=(P1411,),
         measure=_around_corners,
         is_long=True,
-        known_red="four fifths of the power behind corners are mirror reflections at facades; without any the loss were "
+        known_red="four fifths of the power behind corners are mirror reflections at facades; without any it were "
         "3 dB too high, and the spread is that of the recommendation. Panes and walls of a facade lie in one plane and "
         "are smooth, and little stands before them. Reveals of windows, or coefficients of scattering measured at "
         "facades of this band, would mend it",
