@@ -128,5 +128,5 @@ def test_columns_that_the_guide_names_exist() -> None:
 
 def test_figures_of_the_guide_are_small() -> None:
     figures = re.findall(r"\]\((\.\./images/\w+\.png)\)", all_pages())
-    assert len(figures) == 5
+    assert len(figures) == 6
     assert all(20_000 < (PAGES / figure).stat().st_size <= MAX_BYTES for figure in figures)
