@@ -12,6 +12,7 @@ import numpy as np
 import mmw
 from bench.rays import cpu_name
 from mmw.channel import PlanarArray, apply_arrays, ula
+from mmw.channel.antennas.wavefronts import Wavefront
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.transforms import quaternion_from_ypr, quaternion_to_matrix
 from mmw.dataset.beams import plain_paths
@@ -36,11 +37,11 @@ def times(repeats: int) -> None:
     for sent, heard in SIZES:
         links = np.arange(PATHS if sent * heard < 40_000 else PATHS // 10)
         some, ends = paths.take(links), (ula(sent), ula(heard), CARRIER_HZ, turns[0][links], turns[1][links])
-        least = {"plane": np.inf, "spherical": np.inf}
+        least: dict[Wavefront, float] = {"plane": np.inf, "spherical": np.inf}
         for _ in range(repeats):
             for wavefront in least:
                 began = time.perf_counter()
-                apply_arrays(some, *ends, wavefront=wavefront)  # type: ignore[arg-type]
+                apply_arrays(some, *ends, wavefront=wavefront)
                 least[wavefront] = min(least[wavefront], time.perf_counter() - began)
         plane, spherical = (1e6 * least[name] / len(links) for name in ("plane", "spherical"))
         print(f"| 1 x {sent} to 1 x {heard} | {plane:.1f} | {spherical:.1f} | {spherical / plane:.1f} |")

@@ -80,7 +80,7 @@ def _draw(result: Result, file: Path) -> None:
         from matplotlib.figure import Figure
     draw = result.measurement.draw
     assert draw is not None
-    with mpl.rc_context({"svg.hashsalt": "mmw", "svg.fonttype": "path", "font.size": 9.0}):
+    with mpl.rc_context({"svg.hashsalt": "mmw", "svg.fonttype": "none", "font.size": 9.0}):
         figure = Figure(figsize=SIZE_IN, layout="constrained")
         axes = figure.add_subplot()
         axes.grid(visible=True, color="#e3e6ea", lw=0.7)

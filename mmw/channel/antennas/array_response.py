@@ -10,7 +10,7 @@ the carrier, and holds no carrier phase: the complex gain is A_m exp(-j 2 pi f_c
 Source: 3GPP TR 38.901, section 7.5, step 11 (fields, transfer, array phases); Sionna RT 2.2, synthetic arrays.
 """
 
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from mmw.channel.antennas.patterns import antenna_field
 from mmw.channel.antennas.spherical_response import ArrayEnd, spherical_response
 from mmw.channel.antennas.wavefronts import MAX_PLANE_WAVE_ERROR_RAD, Wavefront, find_wavefronts
 from mmw.channel.path_table import CarrierPaths, encode_key, read_column, read_numbers
+from mmw.core.choices import check_choice
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize, quaternion_to_matrix
@@ -75,8 +76,7 @@ def apply_arrays(
             f"apply_arrays: carrier_hz = {carrier_hz:g}, the paths are at {paths.carrier_hz:g} Hz; a transfer holds "
             "for one carrier; make CarrierPaths of the rows at the carrier that is wanted"
         )
-    if wavefront not in get_args(Wavefront):
-        raise InputError(f"apply_arrays: wavefront = {wavefront!r}; it is {', '.join(get_args(Wavefront))}")
+    check_choice("apply_arrays: wavefront", wavefront, Wavefront)
     tx, rx = _End(paths, tx_array, tx_rotation, "tx"), _End(paths, rx_array, rx_rotation, "rx")
     element = np.einsum("pri,pij,ptj->prt", rx.field, paths.transfer, tx.field)
     shape = len(paths), rx_array.antenna_count, tx_array.antenna_count

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -218,5 +220,6 @@ def test_waves_that_are_not_known_are_refused() -> None:
         apply_arrays(changed(interaction=np.array([[8, 0]], dtype=np.int8)), array, ISO, CARRIER)
     with pytest.raises(ValueError, match=r"the delay 0 s; absolute delays above 0 are needed"):
         apply_arrays(changed(tau=np.zeros(1)), array, ISO, CARRIER)
-    with pytest.raises(ValueError, match="wavefront = 'flat'; it is auto, plane, spherical"):
-        apply_arrays(paths, array, ISO, CARRIER, wavefront="flat")  # type: ignore[arg-type]
+    unknown: Any = "flat"
+    with pytest.raises(ValueError, match="wavefront = 'flat'; one of auto, plane, spherical is needed"):
+        apply_arrays(paths, array, ISO, CARRIER, wavefront=unknown)
