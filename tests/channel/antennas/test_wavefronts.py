@@ -1,7 +1,6 @@
 """Spherical waves over arrays against every pair of elements traced by itself, and against sums of distances."""
 
 from dataclasses import replace
-
 from typing import Any
 
 import numpy as np
