@@ -44,6 +44,7 @@ python -m bench.link_statistics_page
 The first command replaces only what it measures (`--scenarios`, `--physics`, `--rate-hz`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
 
 - Paths count as resolved: powers add. A link of one frame is a link-frame.
+- Rows of `standard` and `full` are from before points of reflection on wavering normals came and went without a step.
 - Cells with three numbers are the median and, in parentheses, the {PERCENTILES[0]}th and {PERCENTILES[2]}th percentile.
 """  # noqa: E501
 

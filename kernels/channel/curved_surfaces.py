@@ -24,8 +24,6 @@ and their derivatives on triangle meshes, 3DPVT 2004 (curvature of facets, and i
 import warp as wp
 
 from mmw.kernels.channel.finite_surfaces import FAR_EDGE, INSET_M, FresnelFrame, coordinates, nearest_share
-from mmw.kernels.channel.selected_pairs import select_pair
-from mmw.kernels.channel.surfaces import LinkEnds, Surfaces, from_carrier
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
@@ -62,6 +60,8 @@ class CurvedFacets:
     """1 for each corner of a shape beyond an outline, 0 for others, shape [S]."""
     edge: wp.array[int]
     """Edge of the outline that a shape extends, -1 for a facet of the mesh, shape [S]."""
+    member: wp.array[wp.vec2i]
+    """Begin and end of the facets among which are all of the body of each surface, on its carrier, shape [G]."""
     group: wp.array[int]
     """Curved surface that the geometry row of each surface belongs to, -1 for none, shape [R]."""
     first: wp.array[int]
@@ -97,6 +97,8 @@ class CurvedPoint:
     touched_normal: wp.vec3d
     most: wp.float64
     """About the largest share of the field of a flat mirror that the surface reflects there."""
+    jacobian: wp.float64
+    """Determinant of H by the normals of the facet [1/m^2]; of two points that meet and end, one's is negative."""
 
 
 @wp.func
@@ -171,6 +173,7 @@ def point_on_shape(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d)
     limit = wp.float64(4.0) * (bx + wp.abs(cx) + wp.abs(cy))
     step = wp.int32(0)
     moved = wp.float64(1.0)
+    det = wp.float64(0.0)
     share_b = wp.float64(-1.0)
     share_c = wp.float64(-1.0)
     ut = wp.vec3d()
@@ -216,6 +219,7 @@ def point_on_shape(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d)
         return out
     p = a + x * e1 + y * e2
     n = na + share_b * (nb - na) + share_c * (nc - na)
+    tilt = wp.dot(n, up)
     n = wp.normalize(n)
     if not wp.min(wp.dot(n, tx - p), wp.dot(n, rx - p)) > wp.float64(0.0):
         return out
@@ -233,6 +237,7 @@ def point_on_shape(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d)
     out.share = wp.vec3d(share_a, share_b, share_c)
     out.touched = p
     out.touched_normal = n
+    out.jacobian = det / (tilt * tilt)  # over the plane of the facet, and times the square of the mean normal's length
     return out
 
 
@@ -302,6 +307,20 @@ def divergence(
 
 
 @wp.func
+def point_at_edge(facets: CurvedFacets, edge: int, at: wp.float64) -> wp.vec3d:
+    """Return a point of the curved surface at an edge of its outline, `at` of the way along it."""
+    begin = facets.begin[edge]
+    end = facets.end[edge]
+    point = begin + at * (end - begin)
+    one = off_plane(point, begin, facets.begin_normal[edge])
+    two = off_plane(point, end, facets.end_normal[edge])
+    bulge = HALF * ((wp.float64(1.0) - at) * one + at * two)
+    if wp.dot(bulge, facets.facing[edge]) > wp.float64(0.0):
+        point = point + bulge
+    return point
+
+
+@wp.func
 def curved_point(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d, longest_m: wp.float64) -> CurvedPoint:
     """Return the point of a facet that reflects from `tx` to `rx`, and where the path touches, in the carrier's frame.
 
@@ -329,65 +348,9 @@ def curved_point(facets: CurvedFacets, shape: int, tx: wp.vec3d, rx: wp.vec3d, l
     inset = wp.min(INSET_M, wp.float64(0.25) * length)
     at = wp.clamp(share, inset / length, wp.float64(1.0) - inset / length)
     along = (end - begin) / length
-    point = begin + at * (end - begin)
-    one = facets.begin_normal[edge]
-    two = facets.end_normal[edge]
-    bulge = HALF * ((wp.float64(1.0) - at) * off_plane(point, begin, one) + at * off_plane(point, end, two))
-    if wp.dot(bulge, facets.facing[edge]) > wp.float64(0.0):
-        point = point + bulge
+    point = point_at_edge(facets, edge, at)
     out.touched = point + inset * wp.cross(facets.facing[edge], along)
-    out.touched_normal = wp.normalize((wp.float64(1.0) - at) * one + at * two)
+    out.touched_normal = wp.normalize((wp.float64(1.0) - at) * facets.begin_normal[edge] + at * facets.end_normal[edge])
     is_front = wp.min(wp.dot(out.touched_normal, tx - point), wp.dot(out.touched_normal, rx - point)) > wp.float64(0.0)
     out.is_found = is_near and is_front
     return out
-
-
-@wp.kernel
-def cull_curved_kernel(
-    ends: LinkEnds,
-    surfaces: Surfaces,
-    facets: CurvedFacets,
-    first_link: int,
-    longest_m: wp.float64,
-    # out
-    count_out: wp.array[int],
-    pair_out: wp.array2d[int],
-):
-    """Select the (link, facet) pairs with a point of reflection. Launch: dim=(L, F)."""
-    row, facet = wp.tid()
-    link = first_link + row
-    carrier = surfaces.carrier[facets.surface[facet]]
-    found = curved_point(facets, facets.shape[facet], ends.tx[link, carrier], ends.rx[link, carrier], longest_m)
-    if found.is_found:
-        select_pair(row, facet, count_out, pair_out)
-
-
-@wp.kernel
-def curved_points_kernel(
-    ends: LinkEnds,
-    surfaces: Surfaces,
-    facets: CurvedFacets,
-    pose: wp.array2d[wp.transformd],
-    link: wp.array[int],
-    facet: wp.array[int],
-    longest_m: wp.float64,
-    # out
-    touched_out: wp.array2d[wp.vec3d],
-    normal_out: wp.array2d[wp.vec3d],
-    point_out: wp.array[wp.vec3d],
-    most_out: wp.array[wp.float64],
-):
-    """Write where each path touches its surface, with the normal, in column 0, the point of reflection itself, which
-    may lie beyond, all in the world frame [m], and about its share of the field. Launch: dim=C.
-    """
-    row = wp.tid()
-    own = link[row]
-    carrier = surfaces.carrier[facets.surface[facet[row]]]
-    found = curved_point(facets, facets.shape[facet[row]], ends.tx[own, carrier], ends.rx[own, carrier], longest_m)
-    touched_out[row, 0] = from_carrier(found.touched, pose, ends.batch_index[own], carrier)
-    most_out[row] = found.most
-    point_out[row] = from_carrier(found.point, pose, ends.batch_index[own], carrier)
-    normal = found.touched_normal
-    if carrier < pose.shape[1]:
-        normal = wp.transform_vector(pose[ends.batch_index[own], carrier], normal)
-    normal_out[row, 0] = normal

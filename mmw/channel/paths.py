@@ -95,8 +95,8 @@ class PathSet:
     def __len__(self) -> int:
         return len(self.link)
 
-    def within(self, range_db: float) -> "PathSet":
-        """Return the paths that are not weaker than the strongest of their link by more than a range.
+    def rows_within(self, range_db: float) -> np.ndarray:
+        """Return the rows of the paths that are not weaker than the strongest of their link by more than a range.
 
         The strength of a path is the Frobenius norm of its transfer; it stays if it is strong enough at any carrier in
         any weather, so that all have the same paths. Diffuse paths stay: each is a weak part of one rough surface.
@@ -110,7 +110,10 @@ class PathSet:
             most = np.zeros((len(self.count), strength.shape[1]))
             np.maximum.at(most, self.link, strength)
             is_kept |= (strength >= most[self.link] * 10.0 ** (-range_db / 20.0)).any(axis=1)
-        rows = np.flatnonzero(is_kept)
+        return np.flatnonzero(is_kept)
+
+    def take(self, rows: np.ndarray) -> "PathSet":
+        """Return some of the paths, in their order."""
         by_path = {
             field.name: value[rows]
             for field in fields(self)
@@ -165,15 +168,17 @@ def path_ids(tx_number: np.ndarray, rx_number: np.ndarray, interaction: np.ndarr
     return (value >> np.uint64(1)).astype(np.int64)
 
 
-def tell_apart(ids: np.ndarray, link: np.ndarray, length: np.ndarray) -> np.ndarray:
-    """Return identifiers that no two paths of a link share: of equal ones, the longer paths get others, shape [P].
+def tell_apart(ids: np.ndarray, link: np.ndarray, rank_by: np.ndarray) -> np.ndarray:
+    """Return identifiers that no two paths of a link share: the first of equal ones keeps its own, shape [P].
 
     Args:
         ids: Identifiers of `path_ids`, shape [P].
         link: Link of each path, shape [P].
-        length: Length or delay of each path, shape [P].
+        rank_by: Value by which paths of one name are ranked, lowest first, shape [P]. By length, a path that ends gives
+            its name to the next one, with a step of the level. By minus the strength, the name of rank k has the k-th
+            strongest, whose level is continuous where two swap and where the weakest ends.
     """
-    order = np.lexsort((length, ids, link))
+    order = np.lexsort((rank_by, ids, link))
     is_new = np.append(True, (link[order][1:] != link[order][:-1]) | (ids[order][1:] != ids[order][:-1]))[: len(order)]
     first = np.maximum.accumulate(np.where(is_new, np.arange(len(order)), 0))
     rank = np.empty(len(order), dtype=np.int64)

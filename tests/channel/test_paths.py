@@ -12,7 +12,7 @@ from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
+from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet, tell_apart
 from mmw.config import ChannelConfig
 from mmw.scene.scene_data import Actor, SceneData
 from tests.fixtures.antennas import antenna_at
@@ -178,6 +178,16 @@ def test_far_town_is_as_exact(device: str) -> None:
     assert found[0][0] == found[1][0] == [PATH_LOS, PATH_SPECULAR]
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-10)
     np.testing.assert_allclose(found[0][2], found[1][2], rtol=1e-8)
+
+
+def test_a_name_belongs_to_a_rank() -> None:
+    """Of paths of one name the first follows the strongest where two swap; others keep theirs where the last ends."""
+    link, same = np.zeros(3, dtype=int), np.full(3, 7)
+    before = tell_apart(same, link, -np.array([3.0, 1.0, 2.0]))
+    assert before[0] == 7 and len(np.unique(before)) == 3
+    np.testing.assert_array_equal(tell_apart(same, link, -np.array([1.9, 1.0, 2.0])), before[[2, 1, 0]])
+    np.testing.assert_array_equal(tell_apart(same[:2], link[:2], -np.array([3.0, 2.0])), before[[0, 2]])
+    np.testing.assert_array_equal(tell_apart(same, np.arange(3), -np.arange(3.0)), same)
 
 
 def test_weathers_share_geometry(device: str) -> None:

@@ -9,7 +9,9 @@ from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pai
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.kernels.channel.curved_surfaces import cull_curved_kernel, curved_points_kernel
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.kernels.channel.curved_candidates import cull_curved_kernel, curved_points_kernel
+from mmw.kernels.channel.curved_shares import curved_share_kernel
 from mmw.physics.em.vectors import norm
 
 ONE_POINT_M = 0.25
@@ -45,7 +47,8 @@ def separate_points(
         found: The paths.
         facet: Facet that reflects each, shape [P].
         point: Point of reflection of each [m], shape [P, 3].
-        strength: About the share of the field that each reflects, over its length [1/m], shape [P].
+        strength: Share of the field that each reflects over its length [1/m], shape [P]: where one takes over from
+            another they are equal, so that the level has no step.
         curved: The curved surfaces.
     """
     wall, is_beyond = curved.largest[curved.surface[facet]], curved.is_beyond[facet]
@@ -65,8 +68,7 @@ def separate_points(
 
 
 def curved_points(search: Search, link: wp.array, facet: wp.array, curved: CurvedTable) -> tuple[wp.array, ...]:
-    """Return where paths touch curved surfaces, with normals, shape [C, 1] each, and the points of reflection and about
-    their shares of the field, [C].
+    """Return where paths touch curved surfaces, with normals, shape [C, 1] each, and the points of reflection, [C].
 
     Args:
         search: The links.
@@ -76,7 +78,40 @@ def curved_points(search: Search, link: wp.array, facet: wp.array, curved: Curve
     """
     device, count = search.scene.device, len(facet)
     out = [wp.empty(shape, dtype=wp.vec3d, device=device) for shape in ((count, 1), (count, 1), count)]
-    out.append(wp.empty(count, dtype=wp.float64, device=device))
     inputs = [search.forward.ends, search.table.device, curved.device, search.pose, link, facet]
     wp.launch(curved_points_kernel, dim=count, inputs=[*inputs, search.outlines.longest_m], outputs=out, device=device)
     return tuple(out)
+
+
+def curved_shares(
+    search: Search, link: np.ndarray, facet: np.ndarray, vertex: np.ndarray, curved: CurvedTable, *, is_facet: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the share of a flat mirror's field that reflections at curved surfaces have, shape [Q, C], complex128, and
+    the curvature there, xx, xy, xz, yy, yz, zz in the world frame [1/m], shape [Q, 6].
+
+    Args:
+        search: Links, carriers and outlines.
+        link: Link of each reflection, a row of `search.links`, shape [Q].
+        facet: Facet that reflects, or else the first one of its surface, shape [Q].
+        vertex: Where the path touches the surface [m], shape [Q, 3].
+        curved: The curved surfaces.
+        is_facet: Whether `facet` is the one that reflects.
+    """
+    device, links = search.scene.device, search.links
+    wavelength = SPEED_OF_LIGHT / np.array(search.config.carriers_hz)
+    out = wp.empty((len(link), len(wavelength)), dtype=wp.vec2d, device=device)
+    bent = wp.full(len(link), wp.mat33d(*[np.nan] * 9), dtype=wp.mat33d, device=device)
+    host_pose = wp.array(search.host_pose, dtype=wp.transformd, device=device)
+    inputs = [search.table.device, curved.device, search.outlines, host_pose]
+    inputs += [wp.array(wavelength, dtype=wp.float64, device=device), is_facet]
+    given = [
+        (links.batch_index[link], wp.int32),
+        (facet, wp.int32),
+        (links.tx.position[link], wp.vec3d),
+        (links.rx.position[link], wp.vec3d),
+        (vertex, wp.vec3d),
+    ]
+    inputs += [wp.array(values, dtype=dtype, device=device) for values, dtype in given]
+    wp.launch(curved_share_kernel, dim=out.shape, inputs=inputs, outputs=[out, bent], device=device)
+    values = out.numpy()
+    return values[..., 0] + 1j * values[..., 1], bent.numpy()[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]

@@ -334,6 +334,10 @@ def make_curved_table(
     surface = np.repeat(facet, pieces)
     shape = np.repeat(begin_of[row[facet]] - np.cumsum(pieces) + pieces, pieces) + np.arange(len(surface))
     out = CurvedFacets()
+    span = np.searchsorted(surface, every), np.searchsorted(surface, every, "right")
+    members = np.stack([np.full(len(row), len(surface)), np.zeros(len(row), dtype=np.int64)], axis=1)
+    np.minimum.at(members[:, 0], largest, span[0])
+    np.maximum.at(members[:, 1], largest, span[1])
     for name, values, dtype in (
         ("surface", surface, wp.int32),
         ("shape", shape, wp.int32),
@@ -342,6 +346,7 @@ def make_curved_table(
         ("curvature", shapes["curvature"][order].reshape(-1, 3, 3), wp.mat33d),
         ("outside", shapes["outside"][order], wp.vec3d),
         ("edge", of_edge[order], wp.int32),
+        ("member", members[largest], wp.vec2i),
         ("group", group, wp.int32),
         ("first", np.searchsorted(edge_group, np.arange(groups[-1] + 1)), wp.int32),
         ("begin", np.concatenate([part.begin for part in curved]), wp.vec3d),
@@ -352,6 +357,4 @@ def make_curved_table(
     ):
         setattr(out, name, wp.array(values, dtype=dtype, device=device))
     out.weakest = WEAKEST_CURVED_SHARE
-    return CurvedTable(
-        is_curved, group, largest, np.searchsorted(surface, every), surface, of_edge[order][shape] >= 0, out
-    )
+    return CurvedTable(is_curved, group, largest, span[0], surface, of_edge[order][shape] >= 0, out)

@@ -3,6 +3,7 @@
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.curved_candidates import curved_shares
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.edge_table import WedgeTable
 from mmw.channel.path_solver.outlines import OutlineTable
@@ -10,7 +11,6 @@ from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.kernels.channel.curved_shares import curved_share_kernel
 from mmw.kernels.channel.finite_surfaces import share_kernel
 from mmw.physics.em.diffraction import WedgeHits
 from mmw.physics.em.field import PathGeometry
@@ -125,21 +125,6 @@ def _curved_shares(
     search: Search, found: TracedPaths, path: np.ndarray, curved: CurvedTable, carriers_hz: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the shares of paths whose only interaction is at a curved surface, [n, C], and its curvature, [n, 6]."""
-    device, links = search.scene.device, search.links
-    out = wp.empty((len(path), len(carriers_hz)), dtype=wp.vec2d, device=device)
-    bent = wp.full(len(path), wp.mat33d(*[np.nan] * 9), dtype=wp.mat33d, device=device)
-    link, step = found.link[path], np.argmax(found.kind[path] == SPECULAR, axis=1)
-    given = [
-        (SPEED_OF_LIGHT / np.array(carriers_hz), wp.float64),
-        (links.batch_index[link], wp.int32),
-        (curved.first_facet[found.surface[path, step]], wp.int32),
-        (links.tx.position[link], wp.vec3d),
-        (links.rx.position[link], wp.vec3d),
-        (found.vertex[path, step], wp.vec3d),
-    ]
-    host_pose = wp.array(search.host_pose, dtype=wp.transformd, device=device)
-    inputs = [search.table.device, curved.device, search.outlines, host_pose]
-    inputs += [wp.array(values, dtype=dtype, device=device) for values, dtype in given]
-    wp.launch(curved_share_kernel, dim=out.shape, inputs=inputs, outputs=[out, bent], device=device)
-    values = out.numpy()
-    return values[..., 0] + 1j * values[..., 1], bent.numpy()[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    step = np.argmax(found.kind[path] == SPECULAR, axis=1)
+    facet = curved.first_facet[found.surface[path, step]]
+    return curved_shares(search, found.link[path], facet, found.vertex[path, step], curved, is_facet=False)

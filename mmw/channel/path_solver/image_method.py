@@ -8,7 +8,12 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
 from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pairs
-from mmw.channel.path_solver.curved_candidates import curved_candidates, curved_points, separate_points
+from mmw.channel.path_solver.curved_candidates import (
+    curved_candidates,
+    curved_points,
+    curved_shares,
+    separate_points,
+)
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.near_edges import near_edge_candidates
 from mmw.channel.path_solver.scatter_paths import diffuse_paths
@@ -67,9 +72,11 @@ def _curved_paths(search: Search, curved: CurvedTable) -> Iterator[TracedPaths]:
     device = search.scene.device
     for link, step, facet in curved_candidates(search, curved):
         given = [wp.array(values, dtype=wp.int32, device=device) for values in (link, facet)]
-        touched, normal, point, share = curved_points(search, *given, curved)
+        touched, normal, point = curved_points(search, *given, curved)
         paths, kept = _refine(search, link, step, False, (touched, normal))
-        strength = share.numpy()[kept] / path_lengths(*_ends(search, paths), paths)
+        own = search.forward.order[paths.link]
+        share, _ = curved_shares(search, own, facet[kept], paths.vertex[:, 0], curved, is_facet=True)
+        strength = np.linalg.norm(share, axis=1) / path_lengths(*_ends(search, paths), paths)
         yield paths.take(separate_points(paths, facet[kept], point.numpy()[kept], strength, curved))
 
 

@@ -13,13 +13,18 @@ from mmw.physics.em.vectors import dot
 
 
 def path_names(
-    links: Links, found: TracedPaths, geometry: PathGeometry, wedges: WedgeHits, table: SurfaceTable
+    links: Links,
+    found: TracedPaths,
+    geometry: PathGeometry,
+    wedges: WedgeHits,
+    table: SurfaceTable,
+    rank_by: np.ndarray,
 ) -> np.ndarray:
     """Return the identifier of each path, shape [P], int64.
 
     A reflection or passage is named by its wall: all coplanar surfaces, or a curved one. A diffraction is named by the
     line that its edge belongs to, along a round post by the post and the side that the path passes; a diffuse one by
-    its ray. Of paths of a link with one name, the longer ones are numbered.
+    its ray. Paths of a link with one name are numbered, as several points of reflection on one vehicle.
 
     Args:
         links: The traced links.
@@ -27,6 +32,7 @@ def path_names(
         geometry: Their geometry.
         wedges: Their diffractions.
         table: Surfaces of the scene.
+        rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
     """
     is_flat = (found.kind == SPECULAR) | (found.kind == TRANSMISSION)
     named = found.surface
@@ -43,7 +49,7 @@ def path_names(
         side = dot(np.cross(forward, _upward(wedges.edge)), wedges.away) > 0.0
         named[wedges.path, wedges.step] = np.where(post < 0, table.wedges.line[own], -2 - 2 * post - side)
     ids = path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, named)
-    return tell_apart(ids, found.link, geometry.length)
+    return tell_apart(ids, found.link, rank_by)
 
 
 def _upward(direction: np.ndarray) -> np.ndarray:

@@ -135,10 +135,11 @@ def path_gains(
     links, table = search.links, search.table
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
     is_there = found.kind != 0
+    rank_by = geometry.length if trace.share is None else -np.linalg.norm(trace.share, axis=1) / geometry.length
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        path_id=path_names(links, found, geometry, trace.interactions.wedges, table),
+        path_id=path_names(links, found, geometry, trace.interactions.wedges, table, rank_by),
         kind=path_kinds(found.kind),
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
@@ -158,8 +159,11 @@ def path_gains(
         loss_db=loss_db,
     )
     if config.dynamic_range_db is not None:
-        paths = paths.within(config.dynamic_range_db)
-    return paths if is_whole else add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall)
+        rows = paths.rows_within(config.dynamic_range_db)
+        paths, rank_by = paths.take(rows), rank_by[rows]
+    if is_whole:
+        return paths
+    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall, rank_by)
 
 
 def _edges(count: int, wedges: WedgeHits) -> np.ndarray:
