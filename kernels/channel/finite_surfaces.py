@@ -183,13 +183,14 @@ def share_kernel(
     incoming: wp.array[wp.vec3d],
     before: wp.array[wp.float64],
     behind: wp.array[wp.float64],
+    is_own: wp.array[wp.bool],
     # out
     share_out: wp.array2d[wp.vec2d],
 ):
     """Compute the share of the mirror's field that each reflection has at each carrier.
 
     `point` is where the infinite plane reflects, `vertex` where the path touches the surface, other than `point` only
-    beside it; phases are relative to the path over `vertex`. Launch: dim=(Q, C).
+    beside it; phases are relative to the path over `vertex`, inside the outline only if `is_own`. Launch: dim=(Q, C).
     """
     hit, column = wp.tid()
     own = outline[hit]
@@ -203,7 +204,7 @@ def share_kernel(
     frame = fresnel_frame(at, direction, normal, scale)
     beside = coordinates(frame, touched)
     is_in = wp.length(at - touched) < wp.float64(1e-6) * (wp.float64(1.0) + wp.length(at))
-    share = reflected_share(outlines, own, frame, scale * outlines.width[own], is_in)
+    share = reflected_share(outlines, own, frame, scale * outlines.width[own], is_in and is_own[hit])
     phase = wp.float64(0.0)
     if not is_in:
         phase = -HALF_PI * wp.dot(beside, beside)

@@ -6,6 +6,7 @@ import warp as wp
 from mmw.channel.path_solver.curved_candidates import curved_shares
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.edge_table import WedgeTable
+from mmw.channel.path_solver.mixed_walls import WEAKEST_PIECE, MixedWalls, mix_walls
 from mmw.channel.path_solver.outlines import OutlineTable
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
@@ -26,9 +27,10 @@ def finite_shares(
     wedges: WedgeHits,
     outlines: OutlineTable,
     carriers_hz: tuple[float, ...],
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the product of the shares of all reflections and diffractions of each path, shape [P, C], complex128, and
-    the curvature of the surface that reflects, see `PathSet`, NaN for flat ones, shape [P, 6].
+) -> tuple[np.ndarray, MixedWalls, np.ndarray]:
+    """Return the product of the shares of all reflections and diffractions of each path, shape [P, C], complex128, the
+    parts of panes of different materials in them, and the curvature of the surface that reflects, see `PathSet`, NaN
+    for flat ones, shape [P, 6].
 
     Args:
         search: Scene, links and surfaces of the paths.
@@ -50,8 +52,6 @@ def finite_shares(
             share[rows] *= own
         is_specular &= ~is_curved
     path, step = np.nonzero(is_specular)
-    if not len(path):
-        return share, curvature
     table, device = search.table, search.scene.device
     vertex, normal = found.vertex[path, step], found.normal[path, step]
     ends = np.concatenate([search.links.tx.position[found.link][:, None], found.vertex], axis=1)
@@ -71,10 +71,7 @@ def finite_shares(
     plane = table.plane[found.surface[path, step]]
     owner = table.owner[table.lead[plane]]
     carrier = np.where(owner < 0, search.host_pose.shape[1], owner)
-    out = wp.empty((len(path), len(carriers_hz)), dtype=wp.vec2d, device=device)
     given = [
-        (search.host_pose, wp.transformd),
-        (SPEED_OF_LIGHT / np.array(carriers_hz), wp.float64),
         (search.links.batch_index[found.link[path]], wp.int32),
         (outlines.of_plane[plane], wp.int32),
         (carrier, wp.int32),
@@ -83,12 +80,36 @@ def finite_shares(
         (incoming, wp.vec3d),
         (before, wp.float64),
         (behind, wp.float64),
+        (np.ones(len(path), dtype=bool), wp.bool),
     ]
-    inputs = [search.outlines, *(wp.array(values, dtype=dtype, device=device) for values, dtype in given)]
-    wp.launch(share_kernel, dim=out.shape, inputs=inputs, outputs=[out], device=device)
-    values = out.numpy()
-    np.multiply.at(share, path, values[..., 0] + 1j * values[..., 1])
-    return share, curvature
+    whole = [
+        wp.array(search.host_pose, dtype=wp.transformd, device=device),
+        wp.array(SPEED_OF_LIGHT / np.array(carriers_hz), dtype=wp.float64, device=device),
+    ]
+
+    def shares(columns: list) -> np.ndarray:
+        out = wp.empty((len(columns[0][0]), len(carriers_hz)), dtype=wp.vec2d, device=device)
+        inputs = [search.outlines, *whole, *(wp.array(v, dtype=dtype, device=device) for v, dtype in columns)]
+        wp.launch(share_kernel, dim=out.shape, inputs=inputs, outputs=[out], device=device)
+        return out.numpy()[..., 0] + 1j * out.numpy()[..., 1]
+
+    values = shares(given)
+    own = outlines.piece_of[found.surface[path, step]]
+    several = np.flatnonzero(own >= 0)
+    piece, count = outlines.pieces(outlines.of_plane[plane[several]])
+    hit = np.repeat(several, count)
+    columns = [(column[hit], dtype) for column, dtype in given]
+    columns[1], columns[-1] = (piece, wp.int32), (piece == own[hit], wp.bool)
+    parts = shares(columns)
+    is_part = (np.abs(parts).max(axis=1) >= WEAKEST_PIECE) & (piece != own[hit])
+    is_mixed = np.bincount(hit, is_part, len(path)) > 0
+    rest = share.copy()
+    np.multiply.at(share, path, values)
+    np.multiply.at(rest, path[~is_mixed], values[~is_mixed])
+    first = np.concatenate([[0], np.cumsum(count[is_mixed[several]])])
+    kept, material = is_mixed[hit], outlines.piece_material[piece[is_mixed[hit]]]
+    walls = mix_walls(path[is_mixed], step[is_mixed], first, material, parts[kept], rest, found.kind.shape[1])
+    return share, walls, curvature
 
 
 def _edge_shares(

@@ -38,6 +38,21 @@ class OutlineTable:
     """Smaller extent of each outline [m], shape [G]."""
     area: np.ndarray
     """Area inside each outline [m^2], shape [G]."""
+    piece_of: np.ndarray
+    """Outline of the surfaces of one plane and material that each surface of the scene belongs to, with the same
+    `width` as that of the plane; -1 where a plane has one material, and for what lies on others, shape [S]."""
+    piece_plane: np.ndarray
+    """Outline of the plane that each outline is a piece of, -1 for those of planes, shape [G]."""
+    piece_material: np.ndarray
+    """Material of each piece, -1 for outlines of planes, shape [G]."""
+
+    def pieces(self, outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the pieces of outlines of planes, shape [Q], one outline after the other, and their numbers, [Q]."""
+        order = np.argsort(self.piece_plane, kind="stable")
+        low, high = (np.searchsorted(self.piece_plane[order], outline, side) for side in ("left", "right"))
+        count = high - low
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        return order[np.repeat(low, count) + within], count
 
     def on_device(self, device: str, carriers_hz: tuple[float, ...]) -> Outlines:
         """Return the outlines for kernels, for a set of carriers."""
@@ -63,9 +78,9 @@ class OutlineTable:
 
 def make_outline_table(
     triangle: np.ndarray, row_of: np.ndarray, group: np.ndarray, normal: np.ndarray, area: np.ndarray,
-    of_plane: np.ndarray,
+    of_plane: np.ndarray, material: np.ndarray, row: np.ndarray,
 ) -> OutlineTable:  # fmt: skip
-    """Return the outlines of groups of coplanar surfaces.
+    """Return the outlines of groups of coplanar surfaces, and where a group has several materials, those of each.
 
     An edge that two triangles of a group share is inside. Pieces of edges that lie on each other are left: their
     integrals cancel. Surfaces that lie on others of their group, such as markings on a road, add nothing.
@@ -77,6 +92,8 @@ def make_outline_table(
         normal: Unit normal of each surface, shape [N, 3].
         area: Area of each surface [m^2], shape [N].
         of_plane: Group of each plane, shape [K].
+        material: Material of each surface, shape [N].
+        row: Row above of each surface of the scene, of which instances share some, shape [S].
     """
     count = int(group.max(initial=-1)) + 1
     order = np.lexsort((-area, group))
@@ -86,6 +103,13 @@ def make_outline_table(
     keep = ~lies_on[row_of]
     triangle, row_of = triangle[keep], row_of[keep]
     own = group[row_of]
+    pair, piece = np.unique(np.column_stack([own, material[row_of]]), axis=0, return_inverse=True)
+    several = np.bincount(pair[:, 0], minlength=count)[pair[:, 0]] > 1
+    pair, piece = pair[several], np.where(several, count + np.cumsum(several) - 1, -1)[piece.reshape(-1)]
+    piece_of = np.full(len(group), -1)
+    piece_of[row_of] = piece
+    triangle, own = np.concatenate([triangle, triangle[piece >= 0]]), np.concatenate([own, piece[piece >= 0]])
+    facing, count = np.concatenate([facing, facing[pair[:, 0]]]), count + len(pair)
     doubled = cross(triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0])
     is_turned = dot(doubled, facing[own]) < 0.0
     triangle = np.where(is_turned[:, None, None], triangle[:, ::-1], triangle)
@@ -109,7 +133,12 @@ def make_outline_table(
     half = 0.5 * norm(doubled)
     size = np.bincount(own, half, count)
     width = _widths(triangle, own, half, size)
-    return OutlineTable(of_plane.astype(np.int32), first, begin[order], end[order], facing, width, size)
+    plane_count = count - len(pair)
+    width[plane_count:] = width[pair[:, 0]]
+    none = np.full(plane_count, -1)
+    pieces = (np.concatenate([none, column]) for column in pair.T)
+    outlines = begin[order], end[order], facing, width, size
+    return OutlineTable(of_plane.astype(np.int32), first, *outlines, piece_of[row], *pieces)
 
 
 def _straightened(tail: np.ndarray, head: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

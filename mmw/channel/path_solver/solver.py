@@ -88,20 +88,20 @@ def trace_links(
         lit = interactions.wedges.path[is_lit(geometry, interactions.wedges)]
         keep = np.setdiff1d(np.arange(len(found)), lit)
         found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
-    share = curvature = None
+    share = mixed = curvature = None
     if table.outlines is not None:
-        share, curvature = finite_shares(
+        share, mixed, curvature = finite_shares(
             search, found, geometry, interactions.wedges, table.outlines, config.carriers_hz
         )
         keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
         found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
-        share, curvature = share[keep], curvature[keep]
+        share, mixed, curvature = share[keep], mixed.take(keep), curvature[keep]
     range_rate = range_rates(search, found, geometry)
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
         inside = table.foliage.lengths_inside(scene, *ends, found)
-    shape = share, curvature
+    shape = share, mixed, curvature
     return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of, *shape)
 
 

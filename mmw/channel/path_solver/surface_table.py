@@ -180,7 +180,7 @@ def make_surface_table(
     outlines = curved = None
     if finite:
         of_plane = of_row[row_all][lead]
-        outlines = make_outline_table(triangle, row_of, of_row, normal, area, of_plane)
+        outlines = make_outline_table(triangle, row_of, of_row, normal, area, of_plane, material[first], row_all)
         objects_of = [arrays.object_id[solid[0]], *(np.zeros(len(m.faces), dtype=np.int32) for m in arrays.models)]
         begin = np.cumsum([0, *(len(order) for order in orders)])
         triangles = [k + np.argsort(order)[own] for k, order, own in zip(begin, orders, solid, strict=False)]

@@ -6,6 +6,7 @@ import numpy as np
 
 from mmw.channel.antennas.link_elements import LinkElements
 from mmw.channel.links import Links
+from mmw.channel.path_solver.mixed_walls import MixedWalls
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import AIR_LOSSES
@@ -39,6 +40,8 @@ class Trace:
     """Row of the traced link that each link is the reverse of, -1 for none, shape [L]."""
     share: np.ndarray | None
     """Share of the mirror's field that finite surfaces reflect, at every carrier, shape [P, C]; None if infinite."""
+    mixed: MixedWalls | None
+    """Reflections of which several materials have a part; None if surfaces are infinite."""
     curvature: np.ndarray | None
     """Curvature of the surface that reflects, see `PathSet`, shape [P, 6]; None if surfaces are infinite planes."""
 
@@ -52,6 +55,7 @@ class Trace:
             range_rate=self.range_rate[rows],
             foliage_m=self.foliage_m[rows],
             share=None if self.share is None else self.share[rows],
+            mixed=None if self.mixed is None else self.mixed.take(rows),
             curvature=None if self.curvature is None else self.curvature[rows],
         )
 
@@ -97,7 +101,39 @@ def traced_transfer(
         materials = with_scattering_foliage(materials)
     remaining = 10.0 ** (-sum(losses.values()) / 20.0)
     transfer = path_transfer(trace.geometry, trace.interactions, materials, carriers_hz, model, terms)
-    transfer *= remaining[:, :, None, None]
     if trace.share is not None:
         transfer *= trace.share[:, :, None, None]
+    if trace.mixed is not None:
+        paths, transfers = mixed_transfer(trace, trace.mixed, materials, carriers_hz, model)
+        transfer[paths] = transfers
+    transfer *= remaining[:, :, None, None]
     return transfer
+
+
+def mixed_transfer(
+    trace: Trace,
+    mixed: MixedWalls,
+    materials: tuple[Material, ...],
+    carriers_hz: tuple[float, ...],
+    model: DiffractionModel,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the paths that reflect at several materials at once, and the sums of their transfers, [n, C, 2, 2].
+
+    Args:
+        trace: The paths.
+        mixed: The materials and their shares.
+        materials: Materials of the weather by id.
+        carriers_hz: Carrier frequencies [Hz].
+        model: How wedges diffract.
+    """
+    paths, first, count = np.unique(mixed.path, return_index=True, return_counts=True)
+    total = np.zeros((len(paths), len(carriers_hz), 2, 2), dtype=np.complex128)
+    for turn in range(int(count.max(initial=0))):  # the combination of this number of every path that has one
+        own = np.flatnonzero(count > turn)
+        rows = first[own] + turn
+        interactions = trace.interactions.take(paths[own])
+        given = np.where(mixed.material_id[rows] < 0, interactions.material_id, mixed.material_id[rows])
+        interactions = replace(interactions, material_id=given)
+        part = path_transfer(trace.geometry.take(paths[own]), interactions, materials, carriers_hz, model)
+        total[own] += mixed.weight[rows][:, :, None, None] * part
+    return paths, total

@@ -212,6 +212,33 @@ def test_both_directions_follow_a_wall(device: str) -> None:
         assert own.sum() == 3 and len(np.unique(paths.path_id[own])) == 1
 
 
+def test_panes_of_two_materials_reflect_what_their_integrals_say(device: str) -> None:
+    """Metal and brick in one wall: the point of reflection passes the seam, from 0.3 m on one side to 0.3 m on the
+    other. The coefficients are those of walls of one material, the parts those of the integral with exact distances.
+    """
+    tx, at = (-14.0, 0.0, 14.0), np.linspace(-0.3, 0.3, 61)
+    rx = [(14.0 + 2.0 * x, 0.0, 14.0) for x in at]
+    sides = (-2.0, 0.0), (0.0, 2.0)
+    walls = [("metal", "metal"), ("brick", "brick"), ("metal", "brick")]
+    levels = []
+    for materials in walls:
+        parts = [plate(x, (-2.0, 2.0), m, f"pane_{k}") for k, (x, m) in enumerate(zip(sides, materials, strict=True))]
+        paths = solve(parts, tx, rx, device, los=False, candidates="exhaustive")
+        order = np.argsort(paths.link)
+        assert paths.link[order].tolist() == list(range(len(rx)))
+        levels.append(paths.a["sunny"][order])
+        assert len(np.unique(paths.material_id)) == len(set(materials))
+    for column, carrier in enumerate(CARRIERS):
+        assert (
+            np.abs(np.diff(20 * np.log10(np.abs(levels[2][:, column])))).max() < 1.0
+        )  # at one pane alone 3 dB at once
+        metal, brick, both = (level[::5, column] for level in levels)
+        assert np.abs(20 * np.log10(np.abs(metal / brick))).min() > 3.0
+        part = np.array([[kirchhoff(x, (-2.0, 2.0), tx, end, carrier) for x in sides] for end in rx[::5]])
+        expected = (metal * part[:, 0] + brick * part[:, 1]) / part.sum(axis=1)
+        assert np.abs((both - expected) / metal).max() < 0.045  # the wave of an edge that is too far away to count
+
+
 def test_outlines_leave_out_inner_edges_and_markings() -> None:
     """Two squares side by side have four edges around them; a small square on them, facing down, adds none."""
 
@@ -223,7 +250,21 @@ def test_outlines_leave_out_inner_edges_and_markings() -> None:
     triangle = np.concatenate([square(0.0, 2.0), square(2.0, 2.0), square(1.3, 0.4, True)])
     row_of = np.repeat(np.arange(3), 2)
     up = np.array([[0.0, 0.0, 1.0]] * 3)
-    table = make_outline_table(triangle, row_of, np.zeros(3, int), up, np.array([4.0, 4.0, 0.16]), np.zeros(1, int))
-    assert len(table.begin) == 4 and table.area == pytest.approx([8.0]) and table.width == pytest.approx([2.0])
+    table = make_outline_table(
+        triangle,
+        row_of,
+        np.zeros(3, int),
+        up,
+        np.array([4.0, 4.0, 0.16]),
+        np.zeros(1, int),
+        np.array([7, 7, 8]),
+        np.arange(3),
+    )
+    assert (
+        (table.piece_of == -1).all()
+        and len(table.begin) == 4
+        and table.area == pytest.approx([8.0])
+        and table.width == pytest.approx([2.0])
+    )
     turned = np.cross(table.begin - [2.0, 1.0, 0.0], table.end - table.begin)[:, 2]
     assert (turned > 0.0).all()  # counter-clockwise
