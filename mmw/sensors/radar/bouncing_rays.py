@@ -1,12 +1,12 @@
 """Compute the radar cross section of smooth bodies by shooting and bouncing rays and physical optics.
 
 Tubes of rays of a plane wave bounce through the body as at mirrors. Where one hits, the field on the surface has the
-currents that a plane wave and its reflection have, and all currents radiate back to the radar, with their phases:
+currents that a plane wave and its reflection have, and all currents radiate to the receiver, with their phases:
 
     sigma = 4 pi |F|^2     F = -j k / 4 pi sum A (eta N + M x s) exp(-j k (L - s . r)) sinc(g_u h / 2) sinc(g_v h / 2)
 
-with the path length L to the hit at r, the direction s to the radar, the area A = h^2 / cos(i) that a tube of width h
-lights, the currents eta N = n x (k_i x E_i + k_r x E_r) and M = -n x (E_i + E_r), and the gradients g of the phase
+with the path length L to the hit at r, the direction s to the receiver, the area A = h^2 / cos(i) that a tube of width
+h lights, the currents eta N = n x (k_i x E_i + k_r x E_r) and M = -n x (E_i + E_r), and the gradients g of the phase
 across the tube: exact on planes after any number of bounces, whatever the width of the tubes.
 
 Source: H. Ling, R. Chou, S. Lee, "Shooting and bouncing rays: calculating the RCS of an arbitrarily shaped cavity",
@@ -46,23 +46,26 @@ def smooth_cross_section(
     azimuth_rad: ArrayLike,
     *,
     elevation_rad: float = 0.0,
+    bistatic_rad: float = 0.0,
     carrier_hz: float = 76.5e9,
     polarization: Literal["V", "H"] = "V",
     max_bounces: int = 3,
     tubes_per_wavelength: float = 8.0,
 ) -> np.ndarray:
-    """Return the monostatic cross section of the static world as if it were smooth [m2], shape [N].
+    """Return the cross section of the static world as if it were smooth [m2], shape [N].
 
     All echoes add up with their phases, so this is for calibration targets: spheres, plates, corner reflectors, and
     fine meshes. A facet is a plane: where a mesh stands for a curved body, its facets must be so small that they miss
-    it by less than 1/16 of a wavelength. Waves through materials and around edges are left out, and roughness.
+    it by less than 1/16 of a wavelength. Waves through materials and around edges are left out, roughness, and the
+    shadow, which is the strongest echo where the receiver stands behind the body: angles up to 120 degrees are sound.
 
     Args:
         scene: What is seen; actors of a recording are not.
-        azimuth_rad: Directions from the body to the radar, counted from x toward y [rad], shape [N].
-        elevation_rad: Angle of these directions above the horizon [rad].
+        azimuth_rad: Directions from the body to the transmitter, counted from x toward y [rad], shape [N].
+        elevation_rad: Angle of these directions and those to the receiver above the horizon [rad].
+        bistatic_rad: Angle by which the azimuth of the receiver is larger [rad]; 0 for a radar, which is both.
         carrier_hz: Carrier [Hz].
-        polarization: Of the radar, both ways.
+        polarization: Of both ends.
         max_bounces: Hits of a ray that echo: 1 for convex bodies, 3 for corners of three planes.
         tubes_per_wavelength: Tubes along a wavelength of the plane across the rays; edges are rounded to a tube.
 
@@ -77,7 +80,8 @@ def smooth_cross_section(
         >>> mmw.sensors.smooth_cross_section(drone, [0.0, 1.57], carrier_hz=10e9).shape
         (2,)
     """
-    toward_radar = directions("smooth_cross_section", azimuth_rad, elevation_rad)
+    sent = directions("smooth_cross_section", azimuth_rad, elevation_rad)
+    heard = directions("smooth_cross_section", np.add(azimuth_rad, bistatic_rad), elevation_rad)
     if polarization not in ("V", "H") or max_bounces < 1 or not tubes_per_wavelength > 0.0:
         raise InputError(
             f"smooth_cross_section: polarization = {polarization!r}, max_bounces = {max_bounces}, tubes_per_wavelength "
@@ -91,10 +95,11 @@ def smooth_cross_section(
     ]
     response = SurfaceResponse(radios, np.array(permittivity), carrier_hz)
     found = []
-    for toward in toward_radar:
-        across = np.cross([0.0, 0.0, 1.0], toward)
-        across /= np.linalg.norm(across)
-        axes = np.stack([across, np.cross(toward, across)])  # H and V
+    for toward, toward_receiver in zip(sent, heard, strict=True):
+        axes = _polarizations(toward)
+        receiver = _Receiver(
+            toward_receiver, _polarizations(toward_receiver)["HV".index(polarization)], bistatic_rad != 0.0
+        )
         counts = np.ceil(2.0 * (np.abs(axes) @ half) / width).astype(np.int64) + 1
         total = int(counts.prod())
         if total > MAX_TUBES:
@@ -108,11 +113,28 @@ def smooth_cross_section(
             cells = np.arange(first, min(first + PORTION, total))
             steps = np.stack([cells % counts[0], cells // counts[0]], axis=1) - (counts - 1) / 2.0
             tubes = _Tubes.of_plane_wave(start + width * steps @ axes, axes, polarization)
-            far += _echo(
-                scene, response, tubes, start, toward, axes["HV".index(polarization)], carrier_hz, width, max_bounces
-            )
+            far += _echo(scene, response, tubes, start, receiver, carrier_hz, width, max_bounces)
         found.append(4.0 * np.pi * abs(far) ** 2)
     return np.array(found)
+
+
+def _polarizations(toward: np.ndarray) -> np.ndarray:
+    """Return the unit vectors of H and V across a direction, shape [2, 3]."""
+    across = np.cross([0.0, 0.0, 1.0], toward)
+    across /= np.linalg.norm(across)
+    return np.stack([across, np.cross(toward, across)])
+
+
+@dataclass(frozen=True)
+class _Receiver:
+    """A receiver far away."""
+
+    toward: np.ndarray
+    """Unit vector from the body, shape [3]."""
+    polarization: np.ndarray
+    """Unit vector, shape [3]."""
+    is_apart: bool
+    """Whether it is elsewhere than the transmitter, so that it may not see what is lit."""
 
 
 @dataclass
@@ -144,10 +166,11 @@ class _Tubes:
 
 
 def _echo(
-    scene: Scene, response: SurfaceResponse, tubes: _Tubes, start: np.ndarray, toward: np.ndarray, received: np.ndarray,
-    carrier_hz: float, width: float, max_bounces: int,
+    scene: Scene, response: SurfaceResponse, tubes: _Tubes, start: np.ndarray, receiver: _Receiver, carrier_hz: float,
+    width: float, max_bounces: int,
 ) -> complex:  # fmt: skip
-    """Return the far field of all tubes along a polarization, over exp(-j k r) / r [m]."""
+    """Return the far field of all tubes at a receiver, over exp(-j k r) / r [m]."""
+    toward, received = receiver.toward, receiver.polarization
     wave_number = 2.0 * np.pi * carrier_hz / SPEED_OF_LIGHT
     far = 0j
     for bounce in range(max_bounces):
@@ -170,7 +193,7 @@ def _echo(
         shape = np.sinc(slopes * width / (2.0 * np.pi)).prod(axis=1)
         echo = seen * shape * np.exp(-1j * phase) * width**2 / cosine
         lifted = point + LIFT_M * normal
-        if bounce:
+        if bounce or receiver.is_apart:
             faces = normal @ toward > 0.0
             faces[faces] = scene.cast_rays(lifted[faces], toward).object_id < 0
             echo *= faces

@@ -17,6 +17,10 @@ TR38901 = Source(
     "3GPP TR 38.901 V19", "tables 7.9.2.1-1 and 7.9.2.1-4, as Sionna RT 2.2 has them (rt/rcs/tr38901/parameters.py)",
     "https://www.3gpp.org/dynareport/38901.htm", "other code",
 )  # fmt: skip
+TR38901_BISTATIC = Source(
+    "3GPP TR 38.901 V19", "equation 7.9.2-2: -3 sin(beta / 2) dB, as Sionna RT 2.2 has it",
+    "https://www.3gpp.org/dynareport/38901.htm", "other code",
+)  # fmt: skip
 JRC = Source(
     "Fortuny-Guasch and Chareau, Radar cross section measurements of pedestrian dummies and humans in the 24/77 GHz "
     "frequency bands, EUR 25762, 2013; Yamada, 2004", "mean over azimuth, as MATLAB's BackscatterHumanTarget has it",
@@ -51,6 +55,12 @@ range below it [dB]; TR 38.901, table 7.9.2.1-4."""
 
 TARGET_M = 0.15
 """Edge of corner reflectors and plates, and radius of the ball [m]. Design value."""
+
+BISTATIC_DB = -3.0
+"""Growth of the mean bistatic cross section with sin(beta / 2) [dB]; TR 38.901, equation 7.9.2-2."""
+
+SIDEWAYS_DB = BISTATIC_DB * float(np.sqrt(0.5))
+"""That growth at 90 degrees [dB]."""
 
 STEEL = {"radio": "itu_pec", "base": "steel"}
 """Material of targets that the radar's rough surfaces are of."""
@@ -144,6 +154,29 @@ def _smooth_people(device: str) -> Measurement:
         float(decibels(own.mean())), f"median of {len(own)} aspects {decibels(np.median(own)):.1f} dBsm; the rough "
         f"surfaces of the radar give {decibels(_around('pedestrians', 'man', 10e9, device).mean()):.1f} dBsm",
     )  # fmt: skip
+
+
+def _bistatic(device: str) -> Measurement:
+    """Return how much less a man scatters to the side than back, and draw all angles."""
+    man, around = load_asset("pedestrians", "man", device), np.radians(np.arange(0.37, 360.0, 15.0))
+    angles = np.array([0.0, 45.0, 90.0, 120.0])
+    means = [
+        smooth_cross_section(
+            man, around, bistatic_rad=float(np.radians(beta)), carrier_hz=4.9e9, max_bounces=1, tubes_per_wavelength=4.0
+        ).mean()
+        for beta in angles
+    ]
+    own = decibels(np.array(means) / means[0])
+
+    def draw(axes: Any) -> None:
+        beta = np.linspace(0.0, 180.0, 91)
+        axes.plot(angles, own, "o-", ms=4.0, label="man at 4.9 GHz")
+        axes.plot(beta, BISTATIC_DB * np.sin(np.radians(beta) / 2.0), "k--", label="TR 38.901")
+        axes.set(xlabel="angle between transmitter and receiver [deg]", ylabel="mean RCS over the monostatic [dB]")
+        axes.legend(fontsize=8)
+
+    text = ", ".join(f"{value:+.1f} dB at {beta:g}" for beta, value in zip(angles[1:], own[1:], strict=True))
+    return Measurement(float(own[2]), f"{text} degrees", draw)
 
 
 def _smooth(mesh: Mesh, azimuth: float, elevation: float, bounces: int, factor: float) -> Callable[[str], Measurement]:
@@ -285,6 +318,12 @@ CHECKS = (
         known_red="the sources disagree by 10 dB: 3GPP has -1.37 dBsm for all bands, and the abstract of EUR 25762 "
         "says that 24 and 77 GHz are very close. The model follows the reflection of skin, which falls with the "
         "carrier; layers of cloth over skin, with measured permittivities, could lower it",
+    ),
+    Check(
+        name="radar.person_bistatic", title="RCS of a man at a right angle of both ends, over monostatic",
+        computed="`smooth_cross_section` at 4.9 GHz, mean over 24 aspects, first hits", unit="dB",
+        reference=SIDEWAYS_DB, low=SIDEWAYS_DB - 3.94, high=SIDEWAYS_DB + 3.94,
+        tolerance="sigma_S of the standard, 3.94 dB", sources=(TR38901_BISTATIC,), measure=_bistatic,
     ),
     Check(
         name="radar.drone", title="RCS of a small drone at 28 GHz, mean over azimuth",

@@ -67,6 +67,23 @@ def test_corner_reflectors(tmp_path: Path, carrier_hz: float, polarization, corn
     assert in_decibels(found, expected) == pytest.approx(0.0, abs=swing + 0.2)
 
 
+@pytest.mark.parametrize("polarization", ["V", "H"])
+def test_plate_and_ball_between_two_ends(tmp_path: Path, polarization) -> None:
+    """A plate as a mirror: 4 pi A^2 cos^2(t) / lambda^2; a ball reflects pi a^2 to every side but its shadow's."""
+    flat, round_body = (tmp_path / name for name in ("flat", "round"))
+    for folder in (flat, round_body):
+        folder.mkdir()
+    scene, half = load_target(flat, plate(SIDE), "itu_pec"), 0.5
+    options = {"carrier_hz": 28e9, "polarization": polarization, "max_bounces": 1}
+    found = smooth_cross_section(scene, [-half], bistatic_rad=2.0 * half, **options)[0]
+    expected = 4.0 * np.pi * SIDE**4 * np.cos(half) ** 2 * (28e9 / SPEED_OF_LIGHT) ** 2
+    assert in_decibels(found, expected) == pytest.approx(0.0, abs=0.2)
+    scene = load_target(round_body, ball(SIDE, 6), "itu_pec")
+    for angle in (0.7, 1.6):
+        found = smooth_cross_section(scene, [0.3], bistatic_rad=angle, **options)[0]
+        assert in_decibels(found, np.pi * SIDE**2) == pytest.approx(0.0, abs=0.5)
+
+
 @pytest.mark.parametrize("carrier_hz", [10e9, 28e9])
 def test_ball(tmp_path: Path, carrier_hz: float) -> None:
     """Pi a^2; the edge of the lit side of physical optics makes it swing by 1 / 2ka, 0.14 dB at ka = 31."""
