@@ -1,4 +1,4 @@
-"""Clean imported meshes: prim names, degenerate triangles, and a plausible size of the world."""
+"""Clean imported meshes: prim names, degenerate triangles, bodies inside out, and a plausible size of the world."""
 
 import logging
 import re
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mmw.core.closed_bodies import turn_outward
 from mmw.core.errors import InputError
 from mmw.core.mesh import TriangleMesh, compact
 from mmw.worlds.importers.formats import UNITS
@@ -81,6 +82,8 @@ class MeshCollector:
     """Triangles without area that were left out."""
     repeated: int = 0
     """Triangles with the corners of another one of their mesh that were left out."""
+    turned: int = 0
+    """Closed bodies that were inside out."""
     empty: list[str] = field(default_factory=list)
     """Meshes without any triangle that were left out."""
 
@@ -123,17 +126,21 @@ class MeshCollector:
         self.degenerate += degenerate
         self.repeated += repeated
         if len(mesh.faces):
-            self.parts.append(MeshPart.of(path, mesh, material, label))
+            faces, turned = turn_outward(mesh.points, mesh.faces)
+            self.turned += turned
+            self.parts.append(MeshPart.of(path, TriangleMesh(mesh.points, faces), material, label))
         else:
             self.empty.append(path)
 
     def notes(self) -> list[str]:
-        """Return what was left out, for people."""
+        """Return what was left out or turned, for people."""
         lines = []
         if self.degenerate:
             lines.append(f"{self.degenerate} triangles without area were left out")
         if self.repeated:
             lines.append(f"{self.repeated} triangles that repeat another one of their mesh were left out")
+        if self.turned:
+            lines.append(f"{self.turned} closed bodies were inside out; their faces were turned outward")
         if self.empty:
             names = ", ".join(self.empty[:5]) + (", ..." if len(self.empty) > 5 else "")
             lines.append(f"{len(self.empty)} meshes without triangles were left out: {names}")

@@ -98,6 +98,16 @@ def test_single_meshes_are_called_after_their_file(tmp_path: Path, suffix: str) 
     assert len(np.unique(find_surfaces(part.points, part.faces, zeros, zeros))) == 6
 
 
+@pytest.mark.parametrize("suffix", ["ply", "obj", "glb"])
+def test_closed_meshes_that_are_inside_out_are_turned_and_counted(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"house.{suffix}"
+    data = trimesh.Scene(trimesh.Trimesh(HOUSE[0], HOUSE[1][:, ::-1], process=False)).export(file_type=suffix)
+    path.write_bytes(data.encode() if isinstance(data, str) else data)
+    world = read_meshes(path)
+    assert volume(world.parts[0]) == pytest.approx(480, rel=1e-5)
+    assert world.notes[-1] == "1 closed bodies were inside out; their faces were turned outward"
+
+
 def test_up_unit_and_origin(tmp_path: Path) -> None:
     path = write_ply(tmp_path / "a.ply", *box_mesh((1000, 400, 600), (0, 200, 0)))
     world = read_meshes(path, up="y", unit_m=0.01, origin=(100, 0, 0))

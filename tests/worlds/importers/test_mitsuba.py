@@ -117,6 +117,19 @@ def test_a_mirrored_shape_still_looks_outward(tmp_path: Path) -> None:
     assert volume(scene(tmp_path, f'<shape type="cube">{step}<ref id="m"/></shape>').parts[0]) == pytest.approx(16)
 
 
+def test_the_inside_out_buildings_of_sionna_s_street_canyon_are_turned(tmp_path: Path) -> None:
+    """They are boxes that stand nearly along the axes: 90 to 100 % of the volume of their bounds."""
+    folder = Path(__file__).parents[2] / "reference" / "sionna" / "geometry"
+    names = [f"simple_street_canyon_building_{k}" for k in range(1, 7)]
+    string = '<shape type="ply"><string name="filename" value="{}"/><ref id="m"/></shape>'
+    world = scene(tmp_path, "".join(string.format(folder / f"{name}.ply") for name in names))
+    assert len(world.parts) == 6
+    for part in world.parts:
+        box = float(np.prod(np.ptp(part.points, axis=0)))
+        assert 0.9 * box < volume(part) < 1.0001 * box, part.path
+    assert world.notes == ("6 closed bodies were inside out; their faces were turned outward",)
+
+
 def test_shapes_without_a_file(tmp_path: Path) -> None:
     ref = '<ref id="m"/></shape>'
     body = f"""<shape type="rectangle">{ref}
