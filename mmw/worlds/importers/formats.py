@@ -53,7 +53,7 @@ OPENDRIVE = Importer(
     "OpenDRIVE: roads, ground and lanes (needs the extra author)", {},
 )  # fmt: skip
 OPENSTREETMAP = Importer(
-    (".osm", ".osm.xml"), "mmw.worlds.importers.osm.read_osm:read_osm",
+    (".osm", ".osm.xml", ".osm.bz2", ".osm.gz"), "mmw.worlds.importers.osm.read_osm:read_osm",
     "OpenStreetMap: buildings, streets, trees (needs the extra author)", {},
 )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.parsers import expat
@@ -77,20 +78,41 @@ def read_xml(path: Path) -> XmlNode:
     return top.children[0]
 
 
-def parse_xml(path: Path, tag: str, cure: str) -> ElementTree.Element:
+def parse_xml(path: Path, tag: str, cure: str, data: bytes | None = None) -> ElementTree.Element:
     """Return the root element of a file, whose elements have no namespace.
+
+    Args:
+        path: The file.
+        tag: What its root has to be.
+        cure: What to do about a broken file.
+        data: Its text, if that is packed in the file; read from it if None.
 
     Raises:
         InputError: If the file is missing, no well-formed XML, or its root has another tag.
     """
     try:
-        root = ElementTree.parse(path).getroot()
+        data = path.read_bytes() if data is None else data
+        root = ElementTree.fromstring(data)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of an existing file") from None
-    except ElementTree.ParseError as error:
-        raise InputError(f"{path}: broken XML ({error}); {cure}") from None
+    except (ElementTree.ParseError, ValueError, LookupError) as error:  # the latter two: encodings
+        raise InputError(f"{path}: broken XML ({error}){_last_element(data or b'')}; {cure}") from None
     for element in root.iter():
         element.tag = str(element.tag).rpartition("}")[2]
     if root.tag != tag:
         raise InputError(f"{path}: root element <{root.tag}>; <{tag}> is needed; give such a file, or {cure}")
     return root
+
+
+def _last_element(data: bytes) -> str:
+    """Return which element a broken file began last, to be named in an error; nothing if there is none."""
+    found: list[tuple[str, dict[str, str]]] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda tag, attributes: found.__setitem__(slice(0, 1), [(tag, attributes)])
+    with suppress(expat.ExpatError, ValueError, LookupError):
+        parser.Parse(data, True)
+    if not found:
+        return ""
+    tag, attributes = found[0]
+    name = next((f" {key}={attributes[key][:40]!r}" for key in ("id", "ref", "name", "k") if key in attributes), "")
+    return f" in or after <{tag[:60]}{name}>"

@@ -1,14 +1,21 @@
 """OpenStreetMap extract -> World: map projection, solids in closed form, ground, messages."""
 
+import bz2
+import gzip
 import math
+import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
+from mmw.core.errors import InputError
 from mmw.core.geodesy import world_from_wgs84
 from mmw.core.mesh import merge
 from mmw.usd.material_library import LIBRARY
+from mmw.worlds.importers.formats import find_importer
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.osm.xml import length_m
@@ -160,6 +167,109 @@ def test_the_box_that_was_asked_for_gives_the_origin(tmp_path: Path) -> None:
         read(tmp_path, town.text().replace('<osm version="0.6">', '<osm version="0.6"><bounds minlat="48"/>'), None)
 
 
+def with_bounds(text: str, west: float, south: float, east: float, north: float) -> str:
+    """Return an extract with bounds in meters."""
+    low, high = to_degrees(west, south), to_degrees(east, north)
+    box = '<bounds minlat="{}" minlon="{}" maxlat="{}" maxlon="{}"/>'.format(*low, *high)
+    return text.replace('<osm version="0.6">', f'<osm version="0.6">{box}')
+
+
+def test_everything_but_buildings_is_cut_at_the_bounds(tmp_path: Path) -> None:
+    """A road of 60 km and a lake of 40 km reach far beyond; a house stands across the border, one outside."""
+    town = Map()
+    town.way([(-30000, 0), (0, 0), (30000, 0)], {"highway": "primary"})
+    town.box(-20000, 50, 40000, 20, natural="water")
+    town.box(95, 20, 10, 10, building="yes", height="6")
+    town.box(200, 20, 10, 10, building="yes", height="6")
+    world = read(tmp_path, with_bounds(town.text(), -100, -100, 100, 100))
+    road = np.concatenate([part.points for part in parts_of(world, "Roads/")])
+    np.testing.assert_allclose((road[:, 0].min(), road[:, 0].max()), (-104.5, 104.5), atol=0.1)  # half of 9 m beyond
+    water = parts_of(world, "Terrain/water")
+    assert area(merge(water)) == pytest.approx(200 * 20, rel=0.01)
+    houses = parts_of(world, "Buildings/")
+    assert volume(merge(houses)) == pytest.approx(10 * 10 * (6 + FOOT), rel=1e-4)
+    text = "cut at the bounds of the file: 2 ways and areas, and 1 outside left out; buildings across stay whole"
+    assert text in world.notes
+
+
+def test_a_way_that_leaves_the_bounds_and_comes_back_keeps_its_direction(tmp_path: Path) -> None:
+    """Its sidewalk stays on the left in both pieces, and nothing joins them."""
+    town = Map()
+    way = [(-50, 0), (50, 0), (50, 300), (90, 300), (90, -80)]
+    town.way(way, {"highway": "residential", "sidewalk": "left"})
+    world = read(tmp_path, with_bounds(town.text(), -100, -100, 100, 100))
+    walk = shapely.union_all([shapely.Polygon(c[:, :2]) for c in corners_of(parts_of(world, "Sidewalks/"))])
+    assert walk.contains(shapely.Point(0, 4)) and walk.contains(shapely.Point(94, 0))
+    assert not walk.contains(shapely.Point(0, -4)) and not walk.contains(shapely.Point(86, 0))
+    assert walk.bounds[3] < 110
+
+
+def test_without_bounds_areas_are_cut_around_roads_and_buildings(tmp_path: Path) -> None:
+    town = Map()
+    town.way([(-100, 0), (100, 0)], {"highway": "primary"})
+    town.box(-20000, 10, 40000, 10, natural="water")
+    world = read(tmp_path, town.text())
+    assert area(merge(parts_of(world, "Terrain/water"))) == pytest.approx(260 * 10, rel=0.01)
+
+
+def test_a_way_with_a_gap_is_not_closed_by_a_straight_line(tmp_path: Path) -> None:
+    town = Map()
+    town.way([(-50, 0), (0, 0), (30, 40), (60, 0), (90, 0)], {"highway": "residential"})
+    text = re.sub(r'<node id="3" [^\n]*', "", town.text())
+    road = merge(parts_of(read(tmp_path, text), "Roads/"))
+    round_ends = 2 * 8 * math.sin(math.pi / 16) * math.cos(math.pi / 16) * 2 * 3.0**2
+    assert area(road) == pytest.approx((50 + 30) * 6 + round_ends, rel=1e-3)
+
+
+def test_surfaces_that_touch_in_a_line_and_elsewhere_overlap(tmp_path: Path) -> None:
+    """The parking lot leaves a line and an area of the squares, which overlays do not take together."""
+    town = Map()
+    town.box(0, 0, 40, 40, amenity="parking")
+    town.box(20, 10, 20, 20, highway="pedestrian", area="yes")
+    town.box(60, 0, 10, 10, highway="pedestrian", area="yes")
+    town.way([(0, -20), (80, -20)], {"highway": "service"})
+    world = read(tmp_path, town.text())
+    assert area(merge(parts_of(world, "Sidewalks/"))) == pytest.approx(100, rel=1e-3)
+
+
+def test_negative_ids_of_josm(tmp_path: Path) -> None:
+    """Its new features count down from -1, and what it deleted is still in the file."""
+    text = re.sub(r'(id|ref)="(\d)', r'\1="-\2', quarter().text())
+    text = text.replace('<way id="-2">', '<way id="-2" action="delete">')
+    world = read(tmp_path, text)
+    assert {part.path for part in world.parts} >= {"Buildings/b_w_1/facade", "Buildings/b_r_1/roof"}
+    assert not any(part.path.startswith("Buildings/b_w_2/") for part in world.parts)
+
+
+def test_ids_that_repeat_give_buildings_of_their_own(tmp_path: Path) -> None:
+    town = Map()
+    town.box(0, 0, 10, 10, building="yes")
+    town.box(20, 0, 10, 10, building="yes")
+    world = read(tmp_path, town.text().replace('way id="1"', 'way id="a-b"').replace('way id="2"', 'way id="a.b"'))
+    assert len({part.path for part in world.parts}) == len(world.parts)
+    assert {part.path for part in parts_of(world, "Buildings/")} >= {"Buildings/b_wa_b/roof", "Buildings/b_wa_b_2/roof"}
+
+
+def test_a_multipolygon_alone_can_be_the_road(tmp_path: Path) -> None:
+    town = Map()
+    outer, inner = town.box(0, 0, 40, 40), town.box(10, 10, 10, 10)
+    town.multipolygon([(outer, "outer"), (inner, "inner")], {"highway": "service", "area": "yes"})
+    assert area(merge(parts_of(read(tmp_path, town.text()), "Roads/"))) == pytest.approx(1500, rel=1e-4)
+
+
+@pytest.mark.parametrize(("suffix", "pack"), [(".osm.gz", gzip.compress), (".osm.bz2", bz2.compress)])
+def test_packed_extracts(tmp_path: Path, town: ImportedScene, suffix: str, pack: Callable[[bytes], bytes]) -> None:
+    path = tmp_path / f"extract{suffix}"
+    data = pack(quarter().text().encode())
+    path.write_bytes(data)
+    assert find_importer(path) == "openstreetmap"
+    assert [part.path for part in read_osm(path, ORIGIN).parts] == [part.path for part in town.parts]
+    for torn in (data[:-20], b"<osm/>", b""):
+        path.write_bytes(torn)
+        with pytest.raises(InputError, match="download the extract again"):
+            read_osm(path)
+
+
 def test_clipped_ways_and_multipolygons_are_told(tmp_path: Path) -> None:
     text = quarter().text()
     cut = text.replace('<nd ref="1"/>', '<nd ref="77777"/>')  # the first house reaches beyond the extract
@@ -188,6 +298,9 @@ def far_apart() -> str:
     ("text", "message"),
     [
         ("<osm><node", "broken XML .*download the extract again"),
+        ('<osm><node id="5" lat="4"/><way id="8"><nd/></wa', "broken XML .* in or after <nd>; download"),
+        ('<osm><node id="5" lat="4" lon="1"></osm>', "mismatched tag.* in or after <node id='5'>; download"),
+        ('<?xml version="1.0" encoding="utf-99"?><osm/>', "broken XML .*; download"),
         ("<OpenDRIVE/>", "root element <OpenDRIVE>; <osm> is needed"),
         ("<osm/>", "has no nodes"),
         ('<osm><node id="5" lat="148" lon="11"/></osm>', "node 5: lat '148', lon '11'; -90 to 90"),

@@ -11,8 +11,10 @@ import numpy as np
 import shapely
 
 from mmw.core.mesh import TriangleMesh, merge, separate
+from mmw.worlds.importers.mesh_cleanup import PrimNames
+from mmw.worlds.importers.osm.feature import Extract, Feature
 from mmw.worlds.importers.osm.materials import Palette
-from mmw.worlds.importers.osm.xml import Extract, Feature, length_m, number
+from mmw.worlds.importers.osm.xml import length_m, number
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.plan_geometry import triangulate_polygons
 from mmw.worlds.towns.primitives import weld
@@ -41,6 +43,7 @@ class Body:
     """One building or building part: a prism with a roof."""
 
     name: str
+    """Kind and number of the feature, such as `w123`, as a prim name of its own: JOSM's new features count down."""
     plan: shapely.Polygon
     """Counter-clockwise, holes clockwise [m]."""
     bottom: float
@@ -58,19 +61,19 @@ def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[st
     outlines = _areas(extract, "building")
     parts = _areas(extract, "building:part")
     notes, bodies, guessed, odd = [], [], 0, 0
+    names = PrimNames()
     covered = _with_parts(outlines, parts)
     for feature, _ in [*((f, k) for k, f in enumerate(outlines) if k not in covered), *((f, -1) for f in parts)]:
         tags = feature.tags
         top, bottom, rise, is_guess = _heights(feature)
         guessed += is_guess
-        pieces = [p for p in shapely.get_parts(shapely.make_valid(feature.area)) if p.geom_type == "Polygon"]
-        pieces = [p for p in pieces if p.area >= MIN_AREA]
+        pieces = [piece for piece in shapely.get_parts([feature.area]) if piece.area >= MIN_AREA]
         for k, piece in enumerate(pieces):
             plan = shapely.orient_polygons(shapely.remove_repeated_points(piece, 0.01))
             form = _form(tags.get("roof:shape", "flat"), plan)
             odd += form != tags.get("roof:shape", "flat")
             height = 0.0 if form == "flat" else _rise(rise, plan, top - bottom)
-            name = feature.id if len(pieces) == 1 else f"{feature.id}_{k}"
+            name = names.child("", feature.id if len(pieces) == 1 else f"{feature.id}_{k}")
             facade, roof = palette.facade(tags), palette.roof(tags, form)
             bodies.append(
                 Body(name, plan, bottom - (FOOT if bottom == 0 else 0.0), top - height, height, form, facade, roof)
@@ -88,15 +91,15 @@ def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[st
 
 def _areas(extract: Extract, key: str) -> list[Feature]:
     found = [f for f in (*extract.ways, *extract.relations) if f.area is not None and f.tags.get(key, "no") != "no"]
-    return [f for f in found if f.area is not None and not f.area.is_empty and f.tags.get("location") != "underground"]
+    return [f for f in found if f.tags.get("location") != "underground"]
 
 
 def _with_parts(outlines: list[Feature], parts: list[Feature]) -> set[int]:
     """Return the indices of the outlines that contain parts."""
     if not outlines or not parts:
         return set()
-    tree = shapely.STRtree([shapely.make_valid(f.area) for f in outlines])
-    inside = shapely.point_on_surface(np.array([shapely.make_valid(f.area) for f in parts]))
+    tree = shapely.STRtree([f.area for f in outlines])
+    inside = shapely.point_on_surface(np.array([f.area for f in parts]))
     return set(tree.query(inside, predicate="within")[1].tolist())
 
 

@@ -3,8 +3,10 @@
 import numpy as np
 import shapely
 
+from mmw.core.errors import InputError
 from mmw.core.mesh import EMPTY, TriangleMesh, separate
-from mmw.worlds.importers.osm.xml import Extract, Feature, length_m, number
+from mmw.worlds.importers.osm.feature import Extract, Feature
+from mmw.worlds.importers.osm.xml import length_m, number
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.plan_geometry import polygons_of, triangulate_polygons, twice_areas
 from mmw.worlds.towns.primitives import weld
@@ -35,7 +37,11 @@ SURFACES = (
 
 
 def plan_ground(extract: Extract, buildings: list[shapely.Polygon]) -> tuple[dict[str, shapely.Geometry], list[str]]:
-    """Return the area of every kind of ground in plan, without overlaps, and notes for people."""
+    """Return the area of every kind of ground in plan, without overlaps, and notes for people.
+
+    Raises:
+        InputError: If there are neither buildings nor roads.
+    """
     found: dict[str, list[shapely.Geometry]] = {"road": [], "walk": [], "water": []}
     notes, tunnels, bridges = [], 0, 0
     for way in extract.ways:
@@ -49,7 +55,11 @@ def plan_ground(extract: Extract, buildings: list[shapely.Polygon]) -> tuple[dic
     for feature in (*extract.ways, *extract.relations):
         kind = _area_kind(feature.tags)
         if feature.area is not None and kind:
-            found[kind].append(shapely.make_valid(feature.area))
+            found[kind].append(feature.area)
+    if not buildings and all(area.is_empty for kind in ("road", "walk") for area in found[kind]):
+        raise InputError(
+            f"{extract.path}: holds neither buildings nor roads; an extract with them is needed; choose another area"
+        )
     if tunnels:
         notes.append(f"{tunnels} roads in tunnels left out")
     if bridges:
@@ -59,10 +69,15 @@ def plan_ground(extract: Extract, buildings: list[shapely.Polygon]) -> tuple[dic
     free: shapely.Geometry = shapely.box(x0 - MARGIN, y0 - MARGIN, x1 + MARGIN, y1 + MARGIN)
     plan = {}
     for kind, areas in found.items():
-        area = shapely.intersection(shapely.union_all(areas, grid_size=1e-3), free, grid_size=1e-3)
+        area = _polygons(shapely.intersection(shapely.union_all(areas, grid_size=1e-3), free, grid_size=1e-3))
         plan[kind] = area
-        free = shapely.difference(free, area, grid_size=1e-3)
+        free = _polygons(shapely.difference(free, area, grid_size=1e-3))
     return {**plan, "green": free}, notes
+
+
+def _polygons(area: shapely.Geometry) -> shapely.MultiPolygon:
+    """Return an area without the lines and points in which two areas touch: overlays take no mixed dimensions."""
+    return shapely.MultiPolygon(polygons_of(area, 0.0))
 
 
 def _strips(way: Feature) -> list[tuple[str, shapely.Geometry]]:

@@ -1,17 +1,17 @@
-"""OpenStreetMap extract (.osm XML) -> World: buildings, streets as surfaces, trees; flat and without lanes."""
+"""OpenStreetMap extract (.osm, also packed) -> World: buildings, streets as surfaces, trees; flat, without lanes."""
 
 from pathlib import Path
 
 import numpy as np
 import shapely
 
-from mmw.core.errors import InputError
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.osm.buildings import Body, build_body, find_bodies, shared_walls
+from mmw.worlds.importers.osm.feature import Extract
 from mmw.worlds.importers.osm.ground import build_ground, plan_ground
 from mmw.worlds.importers.osm.materials import Palette
-from mmw.worlds.importers.osm.xml import Extract, read_extract
+from mmw.worlds.importers.osm.xml import read_extract
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.props import build_prop
 
@@ -35,11 +35,12 @@ def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> Imp
     """Read an OpenStreetMap extract.
 
     Args:
-        path: The .osm file, as openstreetmap.org exports it.
+        path: The .osm file, as openstreetmap.org exports it, or one packed by bzip2 or gzip.
         origin: Latitude and longitude of the world's origin [deg]; the middle of the extract if None.
 
     Returns:
-        Buildings as closed solids that reach 0.5 m into the ground, the ground at z = 0, trees. No lanes.
+        Buildings as closed solids that reach 0.5 m into the ground, the ground at z = 0, trees. No lanes. All but
+        buildings is cut at the `bounds` of the file.
 
     Raises:
         InputError: If the file is no extract, is broken, is larger than 20 km or holds neither buildings nor roads.
@@ -47,11 +48,6 @@ def read_osm(path: str | Path, origin: tuple[float, float] | None = None) -> Imp
     extract = read_extract(Path(path), origin)
     palette = Palette()
     bodies, notes = find_bodies(extract, palette)
-    is_road = any(way.tags.get("highway") and len(way.xy) > 1 for way in extract.ways)
-    if not bodies and not is_road:
-        raise InputError(
-            f"{path}: holds neither buildings nor roads; an extract with them is needed; choose another area"
-        )
     walls = shared_walls(bodies)
     others: list[dict[tuple, list[Body]]] = [{} for _ in bodies]
     for wall, found in walls.items():

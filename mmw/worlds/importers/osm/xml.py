@@ -2,7 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,40 +10,16 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.core.geodesy import world_from_wgs84
-from mmw.worlds.importers.xml_nodes import parse_xml
+from mmw.worlds.importers.osm.bounds import cut, default_frame, outline, read_bounds
+from mmw.worlds.importers.osm.feature import Extract, Feature, polygonal
+from mmw.worlds.importers.osm.file import read_elements
 
 MAX_EXTENT = 20e3
 """Largest extent of an extract [m]: farther out a plane map is wrong by more than a few centimeters."""
 
 
-@dataclass(frozen=True)
-class Feature:
-    """A node, way or relation with tags."""
-
-    id: str
-    """Kind and number, such as `w123`."""
-    tags: dict[str, str]
-    xy: np.ndarray
-    """Position of a node, line of a way [m], shape [N, 2]; of a relation, no points."""
-    area: shapely.Polygon | shapely.MultiPolygon | None = None
-    """Area enclosed by a closed way or multipolygon [m]; None for others."""
-
-
-@dataclass
-class Extract:
-    """Everything with tags."""
-
-    path: Path
-    origin: tuple[float, float]
-    """Latitude and longitude of (0, 0) [deg]."""
-    points: list[Feature] = field(default_factory=list)
-    ways: list[Feature] = field(default_factory=list)
-    relations: list[Feature] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-
-
 def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
-    """Read an .osm file.
+    """Read an extract.
 
     Args:
         path: The file.
@@ -52,47 +28,42 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
     Raises:
         InputError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
     """
-    root = parse_xml(path, "osm", "download the extract again")
-    nodes = [node for node in root.findall("node") if node.get("action") != "delete" and node.get("lat") is not None]
+    root = read_elements(path)
+    nodes = [node for node in _present(root, "node") if node.get("lat") is not None]
     if not nodes:
         raise InputError(f"{path}: has no nodes; an extract with nodes and ways is needed; download it again")
     position = np.array([_position(node, path) for node in nodes])
-    low, high = position.min(axis=0), position.max(axis=0)
+    bounds = read_bounds(root, path)
     if origin is None:
-        low, high = _box(root, path) or (low, high)  # openstreetmap.org gives ways as a whole, far beyond the box
-        origin = tuple(np.round(0.5 * (low + high), 6).tolist())
+        box = np.concatenate([position.min(axis=0), position.max(axis=0)]) if bounds is None else bounds
+        latitude, longitude = np.round(0.5 * (box[:2] + box[2:]), 6).tolist()
+        origin = (latitude, longitude)
     elif not (abs(origin[0]) <= 90 and abs(origin[1]) <= 180):
         raise InputError(
             f"{path}: origin {origin}; latitude -90 to 90 and longitude -180 to 180 are needed; correct it"
         )
-    # in the tangent plane, a distance d on the ellipsoid is R sin(d / R): less than 1 mm shorter within 5 km
-    xy = world_from_wgs84(np.pad(position, ((0, 0), (0, 1))), (*origin, 0.0))[:, :2]
+    reference = (*origin, 0.0)
+
+    def place(degrees: np.ndarray) -> np.ndarray:
+        # in the tangent plane, a distance d on the ellipsoid is R sin(d / R): less than 1 mm shorter within 5 km
+        return world_from_wgs84(np.pad(degrees, ((0, 0), (0, 1))), reference)[:, :2]
+
+    xy = place(position)
     extract = Extract(path, origin)
-    place = {node.get("id", ""): xy[k] for k, node in enumerate(nodes)}
+    places = {node.get("id", ""): xy[k] for k, node in enumerate(nodes)}
     extract.points = [
         Feature(f"n{node.get('id')}", tags, xy[k : k + 1]) for k, node in enumerate(nodes) if (tags := _tags(node))
     ]
-    ways = {}
-    incomplete = 0
-    for way in root.findall("way"):
-        refs = [nd.get("ref", "") for nd in way.findall("nd")]
-        kept = [ref for k, ref in enumerate(refs) if ref in place and (k == 0 or ref != refs[k - 1])]
-        is_whole = all(ref in place for ref in refs)
-        incomplete += not is_whole
-        line = np.array([place[ref] for ref in kept]).reshape(-1, 2)
-        area = shapely.Polygon(line) if is_whole and len(kept) >= 4 and kept[0] == kept[-1] else None
-        ways[way.get("id", "")] = Feature(f"w{way.get('id')}", _tags(way), line, area)
-    if incomplete:
-        extract.notes.append(
-            f"{incomplete} ways reach beyond the extract; what lies inside was kept, areas were dropped"
-        )
-    extract.ways = list(ways.values())
-    _add_relations(extract, root, ways)
-    for feature in (*extract.points, *extract.ways, *extract.relations):
+    whole = _add_ways(extract, root, places)
+    _add_relations(extract, root, whole)
+    _cut_at_bounds(extract, None if bounds is None else outline(bounds, place))
+    every = (*extract.points, *extract.ways, *extract.relations)
+    for feature in every:
         _check_tags(feature, path)
-    used = [f.xy for f in extract.ways if len(f.xy) and f.tags]
-    size = np.ptp(np.concatenate(used), axis=0).max() if used else 0.0
-    far = max((float(np.abs(line).max()) for line in used), default=0.0)
+    ends = [f.xy for f in extract.ways if len(f.xy) and f.tags]
+    ends += [np.reshape(f.area.bounds, (2, 2)) for f in every if f.area is not None and f.tags]
+    size = np.ptp(np.concatenate(ends), axis=0).max() if ends else 0.0
+    far = max((float(np.abs(line).max()) for line in ends), default=0.0)
     if size > MAX_EXTENT or far > MAX_EXTENT:
         raise InputError(
             f"{path}: the extract is {size / 1e3:.1f} km wide and reaches {far / 1e3:.1f} km from the origin; "
@@ -101,20 +72,66 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
     return extract
 
 
-def _box(root: ElementTree.Element, path: Path) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the lowest and the highest latitude and longitude that were asked for [deg]; None if not given."""
-    box = root.find("bounds")
-    if box is None:
-        return None
-    corners = [box.get(key, "") for key in ("minlat", "minlon", "maxlat", "maxlon")]
-    try:
-        values = np.array([float(value) for value in corners])
-    except ValueError:
-        values = np.full(4, np.nan)
-    low, high = values[:2], values[2:]
-    if not ((np.abs(values) <= [90, 180, 90, 180]).all() and (low <= high).all()):
-        raise InputError(f"{path}: <bounds> are {', '.join(corners)}; degrees are needed; correct or remove the line")
-    return low, high
+def _present(root: ElementTree.Element, tag: str) -> Iterator[ElementTree.Element]:
+    """Yield the elements that an editor has not deleted.
+
+    Source: OpenStreetMap wiki, JOSM file format: `action`; OSM XML: `visible` of histories.
+    """
+    return (e for e in root.findall(tag) if e.get("action") != "delete" and e.get("visible") != "false")
+
+
+def _add_ways(extract: Extract, root: ElementTree.Element, places: dict[str, np.ndarray]) -> dict[str, Feature]:
+    """Add the ways, and return those with all of their nodes by id.
+
+    A way that leaves the extract and comes back becomes one feature for each run of nodes.
+    """
+    whole, incomplete = {}, 0
+    for way in _present(root, "way"):
+        refs = [nd.get("ref", "") for nd in way.findall("nd")]
+        name, tags = f"w{way.get('id')}", _tags(way)
+        runs: list[list[str]] = [[]]
+        for ref in refs:
+            if ref not in places:
+                runs.append([])
+            elif not runs[-1] or runs[-1][-1] != ref:
+                runs[-1].append(ref)
+        if len(runs) > 1:
+            incomplete += 1
+            lines = [np.array([places[ref] for ref in run]) for run in runs if len(run) > 1]
+            extract.ways += [Feature(name, tags, line) for line in lines]
+            continue
+        kept = runs[0]
+        line = np.array([places[ref] for ref in kept]).reshape(-1, 2)
+        area = polygonal(shapely.Polygon(line)) if len(kept) >= 4 and kept[0] == kept[-1] else None
+        whole[way.get("id", "")] = Feature(name, tags, line, area)
+    if incomplete:
+        extract.notes.append(
+            f"{incomplete} ways reach beyond the extract; what lies inside was kept, areas were dropped"
+        )
+    extract.ways += whole.values()
+    return whole
+
+
+def _cut_at_bounds(extract: Extract, bounds: shapely.Polygon | None) -> None:
+    """Cut everything at the bounds of the file; without them, areas at a box around roads and buildings."""
+    if bounds is not None and (
+        bounds.area < 1.0 or np.ptp(np.reshape(bounds.bounds, (2, 2)), axis=0).max() > MAX_EXTENT
+    ):
+        extract.notes.append("<bounds> enclose no area, or more than 20 km, and were not used to cut")
+        bounds = None
+    if bounds is not None:
+        extract.points, _, _ = cut(extract.points, bounds)
+    frame = bounds if bounds is not None else default_frame([*extract.ways, *extract.relations])
+    if frame is None:
+        return
+    ways, shortened, outside = cut([way for way in extract.ways if way.tags], frame)
+    relations, more, others = cut(extract.relations, frame)
+    extract.ways, extract.relations = ways, relations
+    if shortened + more + outside + others:
+        extract.notes.append(
+            f"cut at {'the bounds of the file' if bounds is not None else 'a box around roads and buildings'}: "
+            f"{shortened + more} ways and areas, and {outside + others} outside left out; buildings across stay whole"
+        )
 
 
 def _position(node: ElementTree.Element, path: Path) -> tuple[float, float]:
@@ -135,9 +152,15 @@ def _tags(element: ElementTree.Element) -> dict[str, str]:
 
 
 def _add_relations(extract: Extract, root: ElementTree.Element, ways: dict[str, Feature]) -> None:
-    """Assemble the multipolygons: outer rings less inner rings, each of one or more ways."""
+    """Assemble the multipolygons: outer rings less inner rings, each of one or more ways.
+
+    Args:
+        extract: Gets the multipolygons.
+        root: The file.
+        ways: The ways that have all of their nodes by id.
+    """
     dropped = 0
-    for relation in root.findall("relation"):
+    for relation in _present(root, "relation"):
         tags = _tags(relation)
         if tags.get("type") != "multipolygon" or len(tags) < 2:
             continue
@@ -150,13 +173,13 @@ def _add_relations(extract: Extract, root: ElementTree.Element, ways: dict[str, 
                 if way is not None and len(way.xy) >= 2:
                     rings["inner" if member.get("role") == "inner" else "outer"].append(shapely.LineString(way.xy))
         outer, inner = (shapely.union_all(shapely.get_parts(shapely.polygonize(rings[k]))) for k in ("outer", "inner"))
-        area = shapely.difference(outer, inner)
-        if not is_whole or area.is_empty:
+        area = polygonal(shapely.difference(outer, inner))
+        if not is_whole or area is None:
             dropped += 1
             continue
         extract.relations.append(Feature(f"r{relation.get('id')}", tags, np.zeros((0, 2)), area))
     if dropped:
-        extract.notes.append(f"{dropped} multipolygons reach beyond the extract and were dropped")
+        extract.notes.append(f"{dropped} multipolygons reach beyond the extract, or do not close, and were dropped")
 
 
 def length_m(text: str | None) -> float | None:
