@@ -18,6 +18,7 @@ EXTRA_OF = {
     "torch": "torch", "transformers": "torch",
     "rerun": "viz", "rerun_notebook": "viz",
     "libsumo": "sumo",
+    "osmium": "osm",
     "ray": "ray",
 }  # fmt: skip
 """Import name of an optional package -> extra that installs it."""

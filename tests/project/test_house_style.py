@@ -123,7 +123,7 @@ def test_core_dependencies_are_enough() -> None:
     """Running shipped towns, checking towns and importing meshes needs no extra."""
     code = (
         "import sys\n"
-        "extras = 'shapely scipy mapbox_earcut matplotlib libsumo duckdb torch rerun ray'\n"
+        "extras = 'shapely scipy mapbox_earcut matplotlib libsumo osmium duckdb torch rerun ray'\n"
         "for name in extras.split():\n"
         "    sys.modules[name] = None\n"
         "class NoPandas:\n"

@@ -53,8 +53,8 @@ OPENDRIVE = Importer(
     "OpenDRIVE: roads, ground and lanes (needs the extra author)", {},
 )  # fmt: skip
 OPENSTREETMAP = Importer(
-    (".osm", ".osm.xml", ".osm.bz2", ".osm.gz"), "mmw.worlds.importers.osm.read_osm:read_osm",
-    "OpenStreetMap: buildings, streets, trees (needs the extra author)", {},
+    (".osm", ".osm.xml", ".osm.bz2", ".osm.gz", ".osm.pbf"), "mmw.worlds.importers.osm.read_osm:read_osm",
+    "OpenStreetMap: buildings, streets, trees (needs the extra author, .osm.pbf also osm)", {},
 )  # fmt: skip
 
 IMPORTERS: Registry[Importer] = Registry(

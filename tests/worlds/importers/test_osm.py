@@ -4,6 +4,7 @@ import bz2
 import gzip
 import math
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mmw.core.errors import InputError
+from mmw.core.errors import InputError, MissingPackageError
 from mmw.core.geodesy import world_from_wgs84
 from mmw.core.mesh import merge
 from mmw.usd.material_library import LIBRARY
@@ -268,6 +269,43 @@ def test_packed_extracts(tmp_path: Path, town: ImportedScene, suffix: str, pack:
         path.write_bytes(torn)
         with pytest.raises(InputError, match="download the extract again"):
             read_osm(path)
+
+
+def test_rings_that_cross_are_repaired(tmp_path: Path) -> None:
+    """Two outer rings that overlap, with no node where their lines cross, and one that crosses itself."""
+    town = Map()
+    one, two = town.box(0, 0, 20, 20), town.box(10, 10, 20, 20)
+    bow = town.way([(40, 0), (60, 20), (60, 0), (40, 20)], {}, closed=True)
+    town.multipolygon([(one, "outer"), (two, "outer"), (bow, "outer")], {"building": "yes", "height": "6"})
+    world = read(tmp_path, town.text())
+    roofs = [part for part in parts_of(world, "Buildings/") if part.path.endswith("roof")]
+    assert area(merge(roofs)) == pytest.approx(700 + 200, rel=1e-4)
+
+
+def test_pbf_holds_the_same_world(tmp_path: Path, town: ImportedScene) -> None:
+    osmium = pytest.importorskip("osmium")
+    source, path = tmp_path / "extract.osm", tmp_path / "extract.osm.pbf"
+    source.write_text(quarter().text())
+    with osmium.SimpleWriter(str(path)) as writer:
+        for entity in osmium.FileProcessor(str(source)):
+            writer.add(entity)
+    assert find_importer(path) == "openstreetmap"
+    world = read_osm(path, ORIGIN)  # its places are rounded to 1e-7 deg, 11 mm
+    for group in ("Buildings/", "Props/"):  # rounded ground may reach into the next tile
+        assert [p.path for p in parts_of(world, group)] == [p.path for p in parts_of(town, group)]
+    for name in ("b_w1", "b_w2", "b_r1", "b_w5", "b_w8"):
+        one, other = (merge(parts_of(w, f"Buildings/{name}/")) for w in (world, town))
+        assert volume(one) == pytest.approx(volume(other), rel=5e-3), name
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match=r"cannot be read as PBF .*download the extract again"):
+        read_osm(path)
+
+
+def test_pbf_without_osmium_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "osmium", None)
+    (tmp_path / "extract.osm.pbf").write_bytes(b"")
+    with pytest.raises(MissingPackageError, match=r"osmium, which is not installed; pip install '.*\[osm\]'"):
+        read_osm(tmp_path / "extract.osm.pbf")
 
 
 def test_clipped_ways_and_multipolygons_are_told(tmp_path: Path) -> None:

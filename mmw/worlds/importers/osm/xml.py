@@ -172,7 +172,7 @@ def _add_relations(extract: Extract, root: ElementTree.Element, ways: dict[str, 
                 is_whole &= way is not None and len(way.xy) >= 2
                 if way is not None and len(way.xy) >= 2:
                     rings["inner" if member.get("role") == "inner" else "outer"].append(shapely.LineString(way.xy))
-        outer, inner = (shapely.union_all(shapely.get_parts(shapely.polygonize(rings[k]))) for k in ("outer", "inner"))
+        outer, inner = (_enclosed(rings[k]) for k in ("outer", "inner"))
         area = polygonal(shapely.difference(outer, inner))
         if not is_whole or area is None:
             dropped += 1
@@ -180,6 +180,12 @@ def _add_relations(extract: Extract, root: ElementTree.Element, ways: dict[str, 
         extract.relations.append(Feature(f"r{relation.get('id')}", tags, np.zeros((0, 2)), area))
     if dropped:
         extract.notes.append(f"{dropped} multipolygons reach beyond the extract, or do not close, and were dropped")
+
+
+def _enclosed(rings: list[shapely.LineString]) -> shapely.Geometry:
+    """Return all that lines enclose; they are split where they cross, for polygons of others are not valid."""
+    split = shapely.get_parts(shapely.union_all(rings))
+    return shapely.union_all(shapely.get_parts(shapely.polygonize(split)))
 
 
 def length_m(text: str | None) -> float | None:
