@@ -90,19 +90,19 @@ def turn_outward(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, int
     turned = np.unique(found.body[found.is_turned])
     if not len(turned):
         return faces, 0
-    closed, index = np.unique(found.body[~found.is_open], return_inverse=True)
-    own = corner[~found.is_open]
-    low, high = np.full((len(closed), 3), np.inf), np.full((len(closed), 3), -np.inf)
-    np.minimum.at(low, index, own.min(axis=1))
-    np.maximum.at(high, index, own.max(axis=1))
+    rows = np.flatnonzero(~found.is_open)
+    rows = rows[np.argsort(found.body[rows], kind="stable")]  # the faces of a body lie side by side
+    closed, first = np.unique(found.body[rows], return_index=True)
+    own, end = corner[rows], np.append(first[1:], len(rows))
+    low = np.minimum.reduceat(own.min(axis=1), first)
+    high = np.maximum.reduceat(own.max(axis=1), first)
     is_cavity = np.zeros(len(turned), bool)
     for k, body in enumerate(turned):
-        place = corner[body, 0]
-        around = np.flatnonzero(((low < place) & (place < high)).all(axis=1) & (closed != body))
-        is_cavity[k] = any(_encloses(own[index == other], place) for other in around)
+        mine = np.searchsorted(closed, body)
+        around = np.flatnonzero(((low < low[mine]) & (high[mine] < high)).all(axis=1))
+        is_cavity[k] = any(_encloses(own[first[other] : end[other]], corner[body, 0]) for other in around)
     turned = turned[~is_cavity]
-    rows = np.isin(found.body, turned)
-    return np.where(rows[:, None], faces[:, ::-1], faces), len(turned)
+    return np.where(np.isin(found.body, turned)[:, None], faces[:, ::-1], faces), len(turned)
 
 
 def _encloses(corner: np.ndarray, place: np.ndarray) -> bool:

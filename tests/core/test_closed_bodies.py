@@ -31,7 +31,8 @@ def volumes(points: np.ndarray, faces: np.ndarray) -> list[float]:
         ([(2.0, 0.0, True), (1.0, 9.0, False), (3.0, 20.0, True)], 2, [8.0, 1.0, 27.0]),
         ([(4.0, 0.0, False), (2.0, 0.3, True)], 0, [64.0, -8.0]),  # a shell and its cavity
         ([(4.0, 0.0, True), (2.0, 0.3, True)], 1, [64.0, -8.0]),
-        ([(4.0, 0.0, False), (2.0, 3.5, True)], 1, [64.0, 8.0]),  # beside it
+        ([(4.0, 0.0, False), (2.0, 3.5, True)], 1, [64.0, 8.0]),  # it reaches out
+        ([(2.0, 0.0, True), (2.0, 1.1, True)], 2, [8.0, 8.0]),  # they overlap
     ],
 )
 def test_bodies_look_outward(cubes: list, count: int, expected: list[float]) -> None:
