@@ -181,6 +181,7 @@ def test_centimetres_taken_for_metres_are_noted(tmp_path: Path, capsys: pytest.C
     [
         (["a.blend"], ".blend is not read; give one of .xml"),
         (["a.xodr", "--up", "y"], "remove --up"),
+        (["a.obj", "--strict"], "remove --strict"),
         (["a.osm.xml", "--unit", "cm"], "remove --unit"),
         (["a.usda", "--up", "y"], "remove --up"),
         (["nowhere.xml"], "cannot be read"),

@@ -27,8 +27,9 @@ class Importer:
     help: str
     """One line: formats and what is read."""
     options: Mapping[str, str]
-    """Option -> its effect in one line. `up`, `unit` and `origin` are flags of `mmw import` and reach the function as
-    `up` (`y` or `z`), `unit_m` [m] and `origin` [m], shape [3]; others are given as `name=value` and stay text."""
+    """Option -> its effect in one line. `up`, `unit`, `origin` and `strict` are flags of `mmw import` and reach the
+    function as `up` (`y` or `z`), `unit_m` [m], `origin` [m], shape [3], and `strict`, true; others are given as
+    `name=value` and stay text."""
 
 
 _PLACED = {
@@ -36,6 +37,8 @@ _PLACED = {
     "unit": f"unit of the file: {', '.join(UNITS)}",
     "origin": "point of the scene, z up, in meters, that becomes the origin",
 }
+FLAGS = (*_PLACED, "strict")
+"""Options that are flags of `mmw import`."""
 MITSUBA = Importer(
     (".xml",), "mmw.worlds.importers.mitsuba.read_mitsuba:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED
 )
@@ -50,7 +53,8 @@ USD = Importer(
 )  # fmt: skip
 OPENDRIVE = Importer(
     (".xodr",), "mmw.worlds.importers.opendrive.read_opendrive:read_opendrive",
-    "OpenDRIVE: roads, ground and lanes (needs the extra author)", {},
+    "OpenDRIVE: roads, ground and lanes (needs the extra author)",
+    {"strict": "refuse what contradicts the standard; else it is mended or left out, with a note"},
 )  # fmt: skip
 OPENSTREETMAP = Importer(
     (".osm", ".osm.xml", ".osm.bz2", ".osm.gz", ".osm.pbf"), "mmw.worlds.importers.osm.read_osm:read_osm",
@@ -110,7 +114,7 @@ def read_scene(path: Path, name: str = "", **options: Any) -> ImportedScene:
     given = {option: value for option, value in options.items() if value}
     refused = [option for option in given if option not in importer.options]
     if refused:
-        flags = ", ".join(f"--{option}" if option in _PLACED else option for option in refused)
+        flags = ", ".join(f"--{option}" if option in FLAGS else option for option in refused)
         known = f"options are: {', '.join(importer.options)}" if importer.options else "their files say this themselves"
         raise InputError(f"{path}: {flags}: no option of {', '.join(importer.suffixes)} files; {known}; remove {flags}")
     if "unit" in given:

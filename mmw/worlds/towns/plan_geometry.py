@@ -40,6 +40,16 @@ def polygons_of(area: shapely.Geometry, above: float) -> list[shapely.Polygon]:
     return [part for part in parts if part.geom_type == "Polygon" and part.area > above]
 
 
+def subtract_area(area: shapely.Geometry, other: shapely.Geometry, grid_size: float) -> shapely.Geometry:
+    """Return the polygons of an area that another does not cover, on a grid [m].
+
+    On a grid, slivers collapse to lines beside the polygons; GEOS takes no such mixture as input of the next overlay.
+    """
+    rest = shapely.difference(area, other, grid_size=grid_size)
+    mixed = rest.geom_type not in ("Polygon", "MultiPolygon")
+    return shapely.MultiPolygon(polygons_of(rest, 0.0)) if mixed else rest
+
+
 def triangulate_polygons(polygons: shapely.Polygon | Sequence[shapely.Polygon]) -> np.ndarray:
     """Return triangles that fill polygons and use all of their vertices, counter-clockwise, shape [M, 3, 2]."""
     split = shapely.get_parts(shapely.constrained_delaunay_triangles(np.atleast_1d(np.array(polygons, object))))

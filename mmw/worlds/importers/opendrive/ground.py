@@ -11,7 +11,7 @@ from mmw.core.mesh import compact
 from mmw.worlds.importers.opendrive.curbs import SLAB, Sheets
 from mmw.worlds.importers.opendrive.road_surface import Sheet
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.plan_geometry import harmonic_heights, triangular_lattice, twice_areas
+from mmw.worlds.towns.plan_geometry import harmonic_heights, polygons_of, triangular_lattice, twice_areas
 
 DROP = 0.06
 """Height of the edges of roads above the ground [m]; design value."""
@@ -53,7 +53,7 @@ def add_deck(sheet: Sheet, over: np.ndarray) -> shapely.Geometry:
         if sheet.stations[k + 1] - sheet.stations[k] < 1e-6:
             continue
         corners = np.array([sheet.rows[k][0], sheet.rows[k + 1][0], sheet.rows[k + 1][-1], sheet.rows[k][-1]])
-        covered.append(shapely.make_valid(shapely.Polygon(corners[:, :2])))
+        covered += polygons_of(shapely.make_valid(shapely.Polygon(corners[:, :2])), 0.0)
         index = sheet.surface.add_points(corners - (0.0, 0.0, SLAB))
         sheet.surface.add_faces("concrete_structure", index[[[0, 1, 2], [0, 2, 3]]])
     return shapely.union_all(covered, grid_size=1e-4)

@@ -12,7 +12,7 @@ import shapely
 
 from mmw.worlds.importers.opendrive.cross_section import KERB_HEIGHT, RoadShape, choose_rows, surface_of
 from mmw.worlds.importers.opendrive.road_surface import MATERIAL, Sheet, breaks
-from mmw.worlds.towns.plan_geometry import polygons_of, triangulate_polygons, twice_areas
+from mmw.worlds.towns.plan_geometry import polygons_of, subtract_area, triangulate_polygons, twice_areas
 
 CELL = 4.0
 """Size of the triangles where a junction is not plane [m]; design value."""
@@ -65,9 +65,9 @@ def build_junction(name: str, shapes: list[RoadShape], seams: np.ndarray, outsid
     paved, walk, green = (_repair(area) for area in (paved, walk, green))
     overlap = shapely.intersection(shapely.union_all([paved, walk, green]), outside)
     if overlap.area > MIN_OVERLAP:
-        paved, walk, green = (shapely.difference(area, outside, grid_size=1e-4) for area in (paved, walk, green))
-    walk = shapely.difference(walk, paved, grid_size=1e-4)
-    green = shapely.difference(green, shapely.union(paved, walk), grid_size=1e-4)
+        paved, walk, green = (subtract_area(area, outside, 1e-4) for area in (paved, walk, green))
+    walk = subtract_area(walk, paved, 1e-4)
+    green = subtract_area(green, shapely.union(paved, walk), 1e-4)
     roads = [_prepare(shape) for shape in shapes]
     sheet = Sheet(name, outline=shapely.union_all([paved, walk, green], grid_size=1e-4))
     for kind, area in (("paved", paved), ("walk", walk), ("green", green)):
@@ -105,7 +105,7 @@ def _strip(low: np.ndarray, high: np.ndarray) -> shapely.Geometry:
     if whole.is_valid:
         return whole
     cells = shapely.polygons(np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1))
-    return shapely.union_all(shapely.make_valid(cells), grid_size=1e-4)
+    return shapely.union_all([p for cell in shapely.make_valid(cells) for p in polygons_of(cell, 0.0)], grid_size=1e-4)
 
 
 def _repair(area: shapely.Geometry) -> shapely.Geometry:

@@ -2,8 +2,8 @@
 
 from collections import defaultdict
 
-from mmw.core.errors import InputError
-from mmw.worlds.importers.opendrive.records import Connection, Document, RoadRecord, Section
+from mmw.worlds.importers.opendrive.document import Document
+from mmw.worlds.importers.opendrive.records import Connection, RoadRecord, Section
 
 DRIVEN = (
     "driving", "entry", "exit", "onRamp", "offRamp", "connectingRamp", "slipLane", "HOV", "bus", "taxi",
@@ -23,8 +23,10 @@ def end_section(road: RoadRecord, contact: str) -> Section:
 def find_joints(document: Document) -> dict[End, list[End]]:
     """Return the ends of driven lanes that meet, both ways. A link to a junction that is not there joins nothing.
 
+    Roads that are too short to be built are left out: what they link meets directly.
+
     Raises:
-        InputError: If a link names a road or lane that does not exist.
+        InputError: If the file is read strictly and a link names a road or lane that does not exist.
     """
     joints: dict[End, list[End]] = defaultdict(list)
     for road in document.roads.values():
@@ -32,22 +34,18 @@ def find_joints(document: Document) -> dict[End, list[End]]:
             if link is None or link.kind != "road":
                 continue
             if link.target not in document.roads:
-                raise InputError(
-                    f"{document.path}: road {road.id!r}: its {contact} is linked to road {link.target!r}, which "
-                    "does not exist; export the whole network, or remove the link"
-                )
+                _lose(document, f"{contact} of road {road.id!r} (to road {link.target!r})", link.target)
+                continue
             for lane in end_section(road, contact).lanes.values():
                 other = lane.predecessor if contact == "start" else lane.successor
                 if lane.kind in DRIVEN and other is not None:
                     _join(document, joints, (road.id, contact, lane.number), (link.target, link.contact, other))
     for junction in document.junctions.values():
         for connection in junction.connections if junction.kind != "virtual" else ():
-            where = f"{document.path}: junction {junction.id!r}"
-            for name in (connection.incoming, connection.connecting):
-                if name not in document.roads:
-                    raise InputError(
-                        f"{where}: a connection names road {name!r}, which does not exist; export the whole network"
-                    )
+            roads = connection.incoming, connection.connecting
+            if absent := [name for name in roads if name not in document.roads]:
+                _lose(document, f"connection of junction {junction.id!r} (to road {absent[0]!r})", absent[0])
+                continue
             contact = _incoming_end(document, junction.id, connection)
             if contact:
                 for first, second in connection.lanes:
@@ -57,7 +55,38 @@ def find_joints(document: Document) -> dict[End, list[End]]:
                             (connection.connecting, connection.contact, second),
                         )
                         _join(document, joints, *ends)
+    for key in sorted(document.welded):
+        _weld(document.roads[key], joints)
     return joints
+
+
+def _lose(document: Document, element: str, target: str) -> None:
+    """Note a link to a road that is not there, unless the road was left out, which has a note already."""
+    if target not in document.lost:
+        cure = "export the whole network, or remove the link"
+        document.repair(element, "the link names a road that does not exist", "the link was left out", cure)
+
+
+def _weld(road: RoadRecord, joints: dict[End, list[End]]) -> None:
+    """Join what meets the start of each lane of a road to what meets its end, and take the road out."""
+    passed = {}
+    for number in road.sections[0].lanes:
+        last: int | None = number
+        for section in road.sections[:-1]:
+            last = section.lanes[last].successor if last in section.lanes else None
+        passed[number] = last
+    for number, last in passed.items():
+        before = joints.get((road.id, "start", number), [])
+        after = [] if last is None else joints.get((road.id, "end", last), [])
+        for one in before:
+            for other in after:
+                for first, second in ((one, other), (other, one)):
+                    if second not in joints[first]:
+                        joints[first].append(second)
+    for end in [end for end in joints if end[0] == road.id]:
+        for other in joints.pop(end):
+            if end in joints.get(other, []):
+                joints[other].remove(end)
 
 
 def lost_junctions(document: Document) -> list[str]:
@@ -72,10 +101,11 @@ def lost_junctions(document: Document) -> list[str]:
 def _join(document: Document, joints: dict[End, list[End]], first: End, second: End) -> None:
     lanes = [end_section(document.roads[road], contact).lanes.get(lane) for road, contact, lane in (first, second)]
     if lanes[1] is None:
-        raise InputError(
-            f"{document.path}: road {first[0]!r}: lane {first[2]} is linked to lane {second[2]} at the {second[1]} of "
-            f"road {second[0]!r}, which does not exist; correct the lane link"
-        )
+        document.repair(
+            f"lane {first[2]} of road {first[0]!r} (to lane {second[2]} at the {second[1]} of road {second[0]!r})",
+            "the link names a lane that does not exist", "the link was left out", "correct the lane link",
+        )  # fmt: skip
+        return
     if all(lane is not None and lane.kind in DRIVEN for lane in lanes):
         for one, other in ((first, second), (second, first)):
             if other not in joints[one]:

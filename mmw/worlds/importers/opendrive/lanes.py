@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mmw.core.errors import InputError
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.importers.mesh_cleanup import identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets
+from mmw.worlds.importers.opendrive.document import Document
 from mmw.worlds.importers.opendrive.lane_links import DRIVEN, End, find_joints, lost_junctions
-from mmw.worlds.importers.opendrive.records import Document, LaneRecord, Section
+from mmw.worlds.importers.opendrive.records import LaneRecord, Section
 from mmw.worlds.importers.opendrive.road_surface import mark_spans
 from mmw.worlds.lane_reach import ahead, behind, partition, reach
 from mmw.worlds.towns.plan_geometry import row_stations
@@ -59,7 +59,8 @@ def build_lanes(
     """Return the lane graph, None if the file has no driving lane, and notes for people.
 
     Raises:
-        InputError: If a link names what does not exist, or lanes that are linked end more than 0.5 m apart.
+        InputError: If the file is read strictly, and a link names what does not exist, or lanes that are linked end
+            more than 0.5 m apart.
     """
     chains = [chain for key, shape in shapes.items() for chain in _chains(shape, names[key])]
     if not chains:
@@ -285,24 +286,26 @@ def _join_ends(
                 dropped += 1
             elif size > MAX_GAP:
                 x, y, z = points[name][-1]
-                raise InputError(
-                    f"{document.path}: road {chains[name].shape.road.id!r}: lane {name} ends at ({x:.2f}, {y:.2f}, "
-                    f"{z:.2f}), {size:.2f} m from lane {other} that it is linked to; {MAX_GAP} m or less is "
-                    "needed; correct the link or the shape of the road"
-                )
+                links[name].remove(other)
+                document.repair(
+                    f"lane {name} (ends at ({x:.2f}, {y:.2f}, {z:.2f}), {size:.2f} m from lane {other})",
+                    f"the lanes are linked and lie over {MAX_GAP} m apart", "the link was left out",
+                    "correct the link or the shape of the road",
+                )  # fmt: skip
             elif size > 0:
                 if junctions[name] and not junctions[other]:
                     _move(points[name], -1, gap)
                 else:
                     _move(points[other], 0, -gap)
     for name, following in links.items():
-        for other in following:
+        for other in list(following):
             gap = float(np.linalg.norm(points[other][0] - points[name][-1]))
             if gap > 0.01:
-                raise InputError(
-                    f"{document.path}: lane {name} and lane {other} cannot be made to meet: {gap:.3f} m remain, "
-                    "because several lanes with different ends are linked there; let the roads end at one place"
-                )
+                following.remove(other)
+                document.repair(
+                    f"lane {name} ({gap:.3f} m from lane {other})", "lanes with different ends are linked at one place",
+                    "the link was left out", "let the roads end at one place",
+                )  # fmt: skip
     return dropped
 
 

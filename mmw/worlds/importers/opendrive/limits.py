@@ -16,6 +16,8 @@ Range = tuple[float, float]
 ANY: Range = (-math.inf, math.inf)
 MAX_ROAD = 50e3
 """Length of a road [m]."""
+MIN_ROAD = 0.05
+"""A shorter road is not built, and what it links is linked directly [m]: a tenth of the gap that lanes may have."""
 STATION: Range = (-1.0, MAX_ROAD + 1.0)
 """Stations and offsets along a road [m]; exporters write -1e-9 for 0."""
 PLACE: Range = (-1e8, 1e8)

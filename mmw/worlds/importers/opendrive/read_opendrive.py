@@ -9,18 +9,20 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mmw.core.errors import InputError
 from mmw.worlds.importers.imported_scene import ImportedScene, library_material
 from mmw.worlds.importers.mesh_cleanup import MAX_SIZE_M, free_name, identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets, close_edges
+from mmw.worlds.importers.opendrive.document import Document, read_document
 from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_rows, build_ground
 from mmw.worlds.importers.opendrive.junction import build_junction
 from mmw.worlds.importers.opendrive.lanes import build_lanes
-from mmw.worlds.importers.opendrive.limits import MAX_JUNCTION, PLACE, check_extent, number
-from mmw.worlds.importers.opendrive.records import Document, read_document
+from mmw.worlds.importers.opendrive.limits import MAX_JUNCTION, MIN_ROAD, PLACE, check_extent, number
 from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
+from mmw.worlds.towns.plan_geometry import subtract_area
 
 MAX_OFFSET = 10e3
 """A town farther than this from the origin of its file gets an origin of its own [m]: meshes are single precision."""
@@ -33,37 +35,43 @@ PAINT = replace(
 """Yellow paint: the library's white paint but for its color, design value. Weathers do not wet it."""
 
 
-def read_opendrive(path: str | Path) -> ImportedScene:
+def read_opendrive(path: str | Path, *, strict: bool = False) -> ImportedScene:
     """Read an OpenDRIVE file.
+
+    Args:
+        path: The file.
+        strict: Whether roads, links and records that contradict the standard are errors; else they are mended or left
+            out, with a note for each kind of fault.
 
     Returns:
         Roads, ground and lanes. Lanes are named `road_<id>_s<section>_<l|r><number>`; junctions `junction_<id>`.
 
     Raises:
-        InputError: If the file is no OpenDRIVE, is broken or contradicts itself; the message names road and cure.
+        InputError: If the file is no OpenDRIVE, is broken, has nothing to build, or a fault where `strict`; the message
+            names road and cure.
     """
     path = Path(path)
-    document = read_document(path)
+    document = read_document(path, is_strict=strict)
     origin, notes = _origin(document)
-    notes = [*document.notes, *notes]
-    shapes = {
-        key: RoadShape(road, make_line(road, f"{path}: road {key!r}", origin)) for key, road in document.roads.items()
-    }
+    notes = [*document.skipped, *notes]
+    shapes = _shapes(document, origin)
     _check_extents(path, shapes)
     for key, shape in shapes.items():
         for station, gap in shape.line.jumps():
             if gap > 0.01:
                 notes.append(f"road {key!r}: the reference line jumps by {gap:.3f} m at s = {station:.2f} m")
     names = _names(document)
-    outside = {k: build_sheet(names[k], shape) for k, shape in shapes.items() if not document.roads[k].junction}
+    outside = {k: build_sheet(names[k], shape) for k, shape in shapes.items() if not shape.road.junction}
     covered = shapely.union_all([sheet.outline for sheet in outside.values()], grid_size=1e-4)
     seams = [rows for sheet in outside.values() for rows in (sheet.rows[0], sheet.rows[-1])]
     ends = np.concatenate(seams) if seams else np.zeros((0, 3))
     inside = {}
-    for key in sorted({road.junction for road in document.roads.values()} - {""}):
-        members = [shapes[k] for k, road in document.roads.items() if road.junction == key]
+    for key in sorted({shape.road.junction for shape in shapes.values()} - {""}):
+        members = [shape for shape in shapes.values() if shape.road.junction == key]
         inside[key] = build_junction(identifier(f"junction_{key}"), members, ends, covered)
     sheets = [sheet for sheet in (*outside.values(), *inside.values()) if sheet.surface.faces]
+    if not sheets:
+        raise InputError(f"{path}: no lane of its roads has a width; give their lanes a <width>")
     tops = Sheets([sheet.surface for sheet in sheets])
     graph, more = build_lanes(document, shapes, names, tops)
     notes += [*more, *_overlaps(outside)]
@@ -73,7 +81,22 @@ def read_opendrive(path: str | Path) -> ImportedScene:
     foreign = {YELLOW: PAINT} if any(part.material == YELLOW for part in parts) else {}
     if inside:
         notes.append(f"road marks in {len(inside)} junctions left out: the roads there overlap")
-    return ImportedScene(parts, foreign, graph, tuple(notes))
+    return ImportedScene(parts, foreign, graph, (*document.repairs, *notes))
+
+
+def _shapes(document: Document, origin: np.ndarray) -> dict[str, RoadShape]:
+    """Return the roads that are long enough to be built, by id; those without a reference line are left out."""
+    shapes = {}
+    for key, road in list(document.roads.items()):
+        if key in document.welded:
+            continue
+        try:
+            shapes[key] = RoadShape(road, make_line(road, f"{document.path}: road {key!r}", origin))
+        except InputError as error:
+            document.drop_road(key, error)
+    if not shapes:
+        raise InputError(f"{document.path}: no road is longer than {MIN_ROAD:g} m; export the whole network")
+    return shapes
 
 
 def _check_extents(path: Path, shapes: dict[str, RoadShape]) -> None:
@@ -145,7 +168,7 @@ def _close(sheets: list[Sheet], tops: Sheets, notes: list[str]) -> shapely.Geome
             if over.any():
                 bridges, side = bridges + 1, "concrete_structure"
                 close_edges(sheet.surface, tops, side=side)
-                outline = shapely.difference(outline, add_deck(sheet, over), grid_size=1e-4)
+                outline = subtract_area(outline, add_deck(sheet, over), 1e-4)
         if side == "soil":
             close_edges(sheet.surface, tops)
         ground.append(outline)

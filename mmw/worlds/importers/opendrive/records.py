@@ -4,18 +4,20 @@ Source: ASAM OpenDRIVE 1.4 to 1.8.
 """
 
 import xml.etree.ElementTree as ElementTree
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.worlds.importers.opendrive import limits
 from mmw.worlds.importers.opendrive.limits import check_cubics, number
-from mmw.worlds.importers.xml_nodes import parse_xml
 
 SPEED_UNIT = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
 """Unit of a speed limit -> meters per second."""
+
+Repair = Callable[[str, str, str, str], None]
+"""Called with the element, its fault, what is done about it, and how to correct the file."""
 
 
 @dataclass(frozen=True)
@@ -137,47 +139,6 @@ class JunctionRecord:
     """Ids of roads, the first of which goes before the second."""
 
 
-@dataclass
-class Document:
-    """A whole file."""
-
-    path: Path
-    roads: dict[str, RoadRecord] = field(default_factory=dict)
-    junctions: dict[str, JunctionRecord] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-
-
-def read_document(path: Path) -> Document:
-    """Read an OpenDRIVE file.
-
-    Raises:
-        InputError: If it is not OpenDRIVE, has no road, or a record lacks an attribute or has a wrong one.
-    """
-    root = parse_xml(path, "OpenDRIVE", "export the file again")
-    document = Document(path)
-    skipped = {"objects": 0, "signals": 0, "shape": 0, "crossfall": 0}
-    for element in root.findall("road"):
-        where = f"{path}: road {element.get('id')!r}"
-        road = _road(element, where)
-        if road.id in document.roads:
-            raise InputError(f"{where}: the id is used twice; ids must differ; export the file again")
-        document.roads[road.id] = road
-        for tag in skipped:
-            found = element.find(f"lateralProfile/{tag}" if tag in ("shape", "crossfall") else tag)
-            skipped[tag] += 0 if found is None else max(1, len(found))
-    if not document.roads:
-        raise InputError(f"{path}: has no road; an OpenDRIVE file with <road> elements is needed; export it again")
-    for element in root.findall("junction"):
-        junction = _junction(element, f"{path}: junction {element.get('id')!r}")
-        document.junctions[junction.id] = junction
-    virtual = sum(junction.kind == "virtual" for junction in document.junctions.values())
-    if virtual:
-        document.notes.append(f"{virtual} virtual junctions left out: no lane leads from the middle of a road")
-    words = {"shape": "lateral profile shapes", "crossfall": "crossfalls"}
-    document.notes += [f"{n} {words.get(tag, tag)} left out" for tag, n in skipped.items() if n]
-    return document
-
-
 def _cubics(
     elements: list[ElementTree.Element], where: str, key: str = "s", shift: float = 0.0, scale: float = 1.0
 ) -> Cubics:
@@ -189,27 +150,52 @@ def _cubics(
     return Cubics(table[:, 0], table[:, 1:])
 
 
-def _speeds(elements: list[ElementTree.Element], where: str, key: str, shift: float) -> tuple[tuple[float, float], ...]:
+def _speeds(
+    elements: list[ElementTree.Element], where: str, key: str, shift: float, repair: Repair
+) -> tuple[tuple[float, float], ...]:
     found = []
     for element in elements:
         text, unit = element.get("max", ""), element.get("unit", "")
         if text in ("no limit", "undefined"):
             continue
         if unit not in SPEED_UNIT:
-            raise InputError(f"{where}: speed unit {unit!r}; m/s, km/h or mph is needed; correct the file")
+            fault = f"speed unit {unit!r}; m/s, km/h or mph is needed"
+            repair(where.partition(": ")[2], fault, "the speed limit was left out", "correct the file")
+            continue
         value = number(element, "max", where, limits=limits.SPEED) * SPEED_UNIT[unit]
         if value > 0:
             found.append((number(element, key, where, 0.0, limits.STATION) + shift, value))
     return tuple(sorted(found))
 
 
-def _road(element: ElementTree.Element, where: str) -> RoadRecord:
+def read_road(element: ElementTree.Element, where: str, repair: Repair) -> RoadRecord:
+    """Read one road.
+
+    Args:
+        element: The road.
+        where: File and road, for messages.
+        repair: Called with element, fault, what is done and cure for what is mended.
+
+    Raises:
+        InputError: If a record lacks an attribute, or has a wrong one, and cannot be mended.
+    """
+    name = f"road {element.get('id')!r}"
     length = number(element, "length", where, limits=(-limits.MAX_ROAD, limits.MAX_ROAD))
     if element.get("id") is None or length <= 0:
         raise InputError(f"{where}: length {length}; an id and a positive length are needed; correct the file")
     geometry = tuple(element.findall("planView/geometry"))
     if not geometry:
         raise InputError(f"{where}: has no planView geometry; at least one piece is needed; export the file again")
+    for piece in geometry:
+        for axis in "xy":
+            number(piece, axis, where, limits=limits.PLACE)
+    drawn = max(sum(number(piece, key, where, limits=limits.STATION) for key in ("s", "length")) for piece in geometry)
+    if 0.0 < drawn < length - limits.MAX_GAP:
+        repair(
+            f"{name} ({length:g} m, drawn to {drawn:g} m)", "its geometry ends before its length",
+            "it ends where its geometry does", "correct the length of the geometry or the road",
+        )  # fmt: skip
+        length = drawn
     starts = [number(section, "s", where, limits=limits.STATION) for section in element.findall("lanes/laneSection")]
     if not starts:
         raise InputError(f"{where}: has no laneSection; at least one is needed; export the file again")
@@ -217,9 +203,9 @@ def _road(element: ElementTree.Element, where: str) -> RoadRecord:
         raise InputError(f"{where}: lane sections are not in ascending order of s; sort them")
     ends = [*starts[1:], length]
     sections = tuple(
-        _section(section, start, min(end, length), where)
+        _section(section, start, min(end, length), where, repair)
         for section, start, end in zip(element.findall("lanes/laneSection"), starts, ends, strict=True)
-        if min(end, length) - start > 1e-6
+        if min(end, length) - start > (1e-6 if length >= limits.MIN_ROAD else 0.0)
     )
     if not sections:
         raise InputError(f"{where}: no laneSection begins before its end at {length:g} m; correct s or the length")
@@ -230,7 +216,7 @@ def _road(element: ElementTree.Element, where: str) -> RoadRecord:
     speeds = [
         (number(t, "s", where, 0.0, limits.STATION), s)
         for t in types
-        for _, s in _speeds(t.findall("speed"), where, "s", 0.0)
+        for _, s in _speeds(t.findall("speed"), where, "s", 0.0, repair)
     ]
     junction = element.get("junction", "-1")
     road = RoadRecord(
@@ -238,8 +224,8 @@ def _road(element: ElementTree.Element, where: str) -> RoadRecord:
         length=length,
         junction="" if junction == "-1" else junction,
         is_left_hand=rule == "LHT",
-        predecessor=_link(element.find("link/predecessor"), where),
-        successor=_link(element.find("link/successor"), where),
+        predecessor=_link(element.find("link/predecessor"), where, repair),
+        successor=_link(element.find("link/successor"), where, repair),
         geometry=geometry,
         elevation=_cubics(element.findall("elevationProfile/elevation"), where),
         superelevation=_cubics(element.findall("lateralProfile/superelevation"), where),
@@ -268,24 +254,26 @@ def _check_values(road: RoadRecord, where: str) -> None:
                     check_cubics(name, what, pieces, (section.start, section.end), limits.WIDTH)
 
 
-def _link(element: ElementTree.Element | None, where: str) -> Link | None:
+def _link(element: ElementTree.Element | None, where: str, repair: Repair) -> Link | None:
     if element is None or element.get("elementId") is None:
         return None
     kind, contact = element.get("elementType", "road"), element.get("contactPoint", "")
     if kind == "road" and contact not in ("start", "end"):
         if element.get("elementS") is not None:
             return None  # a virtual connection in the middle of a road
-        raise InputError(f"{where}: link to road {element.get('elementId')!r} has no contactPoint; add start or end")
+        name = f"{where.partition(': ')[2]} (to road {element.get('elementId')!r})"
+        repair(name, "the link has no contactPoint", "the link was left out", "add start or end")
+        return None
     return Link(kind, element.get("elementId", ""), contact if kind == "road" else "")
 
 
-def _section(element: ElementTree.Element, start: float, end: float, where: str) -> Section:
+def _section(element: ElementTree.Element, start: float, end: float, where: str, repair: Repair) -> Section:
     if element.get("singleSide") in ("true", "1"):
         raise InputError(f"{where}: laneSection at s = {start} holds for one side only; give both sides at every s")
     lanes = {}
     for side in ("left", "center", "right"):
         for lane in element.findall(f"{side}/lane"):
-            record = _lane(lane, start, where)
+            record = _lane(lane, start, where, repair)
             if (record.number > 0) != (side == "left") or (record.number < 0) != (side == "right"):
                 raise InputError(
                     f"{where}: lane {record.number} stands in <{side}>; left lanes are positive; correct it"
@@ -296,13 +284,16 @@ def _section(element: ElementTree.Element, start: float, end: float, where: str)
     for side in (1, -1):
         found = sorted(abs(n) for n in lanes if n * side > 0)
         if found != list(range(1, len(found) + 1)):
-            raise InputError(
-                f"{where}: lanes at s = {start} are numbered {found}; 1, 2, 3 ... are needed; renumber them"
-            )
+            repair(
+                f"{where.rpartition(': ')[2]} at s = {start:g} ({found})", "lanes are not numbered 1, 2, 3 ...",
+                "those that are missing were given the width 0", "renumber them",
+            )  # fmt: skip
+            for missing in set(range(1, max(found))) - set(found):
+                lanes[side * missing] = LaneRecord(side * missing, "none", None, None, (), (), (), None, None, False)
     return Section(start, end, lanes)
 
 
-def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
+def _lane(element: ElementTree.Element, start: float, where: str, repair: Repair) -> LaneRecord:
     lane = int(number(element, "id", where, limits=limits.LANE))
     where = f"{where}: lane {lane} at s = {start:g}"
     widths, borders = element.findall("width"), element.findall("border")
@@ -311,13 +302,15 @@ def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
     links = [element.find(f"link/{name}") for name in ("predecessor", "successor")]
     before, after = (None if link is None else int(number(link, "id", where, limits=limits.LANE)) for link in links)
     marks = tuple(sorted((_mark(m, start, where) for m in element.findall("roadMark")), key=lambda m: m.start))
-    heights = [
-        (
-            start + number(h, "sOffset", where, 0.0, limits.STATION),
-            *(number(h, side, where, limits=limits.KERB) for side in ("inner", "outer")),
-        )
-        for h in element.findall("height")
-    ]
+    heights = []
+    for height in element.findall("height"):
+        missing = [side for side in ("inner", "outer") if height.get(side) is None]
+        if missing:
+            fault, done = f"<height> attribute {' and '.join(missing)} is missing", "the record was left out"
+            repair(where.partition(": ")[2], fault, done, "correct the file")
+            continue
+        sides = (number(height, side, where, limits=limits.KERB) for side in ("inner", "outer"))
+        heights.append((start + number(height, "sOffset", where, 0.0, limits.STATION), *sides))
     return LaneRecord(
         number=lane,
         kind=element.get("type", "none"),
@@ -325,7 +318,7 @@ def _lane(element: ElementTree.Element, start: float, where: str) -> LaneRecord:
         border=_cubics(borders, where, "sOffset", start) if borders else None,
         heights=tuple(sorted(heights)),
         marks=marks,
-        speeds=_speeds(element.findall("speed"), where, "sOffset", start),
+        speeds=_speeds(element.findall("speed"), where, "sOffset", start, repair),
         predecessor=before,
         successor=after,
         reversed=element.get("direction") == "reversed",
@@ -359,7 +352,12 @@ def _mark(element: ElementTree.Element, start: float, where: str) -> Mark:
     )
 
 
-def _junction(element: ElementTree.Element, where: str) -> JunctionRecord:
+def read_junction(element: ElementTree.Element, where: str) -> JunctionRecord:
+    """Read one junction; `where` is its file and name, for messages.
+
+    Raises:
+        InputError: If a lane link is no number of a lane.
+    """
     connections = []
     for connection in element.findall("connection"):
         lanes = tuple(

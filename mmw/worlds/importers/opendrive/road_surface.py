@@ -10,6 +10,7 @@ import shapely
 
 from mmw.worlds.importers.opendrive.cross_section import RoadShape, choose_rows, surface_of
 from mmw.worlds.importers.opendrive.records import Cubics, LaneRecord, Mark, Section
+from mmw.worlds.towns.plan_geometry import polygons_of
 from mmw.worlds.towns.strip_mesh import Surface
 
 MATERIAL = {"paved": "asphalt", "walk": "concrete_sidewalk", "green": "grass"}
@@ -50,7 +51,7 @@ def build_sheet(name: str, shape: RoadShape) -> Sheet:
         s = choose_rows(shape, section.start, section.end, breaks(shape, section))
         table = _add_section(sheet, shape, section, s)
         edges = np.concatenate([table[:, 0, :2], table[::-1, -1, :2]])
-        polygons.append(shapely.make_valid(shapely.Polygon(edges)))
+        polygons += polygons_of(shapely.make_valid(shapely.Polygon(edges)), 0.0)
         sheet.rows += list(table)
         sheet.stations += s.tolist()
     sheet.outline = shapely.union_all(polygons, grid_size=1e-4)
@@ -108,6 +109,8 @@ def _add_section(sheet: Sheet, shape: RoadShape, section: Section, s: np.ndarray
                 columns.append((t, low[1] + part * (high[1] - low[1])))
         strips.append((len(columns) - 1, MATERIAL[kind], None))
         columns.append(high)
+    if not columns:  # a section without lanes has no width
+        columns.append((borders[0][0], np.zeros(len(s))))
     table = np.stack([shape.place(s, t, dz) for t, dz in columns], axis=1)
     index = sheet.surface.add_points(table.reshape(-1, 3)).reshape(table.shape[:2])
     for right, material, line in strips:
