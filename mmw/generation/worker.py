@@ -161,7 +161,7 @@ class Worker:
         context, timer = self._context, self._reporter.timer
         with timer.stage("traffic and stage"), exclusive_lock(context.root.folder, f"stage-{scenario.name}"):
             inputs = context.inputs.get(scenario.name, {})
-            stage = cached_stage(context.config, scenario, context.base, context.root, inputs)
+            stage = cached_stage(context.config, scenario, context.base, context.root, inputs, self._reporter.warn_once)
         with timer.stage("scene"):
             arrays = self._read(scenario, stage)
             notes = list(configuration_warnings(arrays, context.config, scenario))

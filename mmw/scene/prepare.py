@@ -1,7 +1,8 @@
 """Prepare a scenario for tracing: its USD stage, made once and stored with the data, and its arrays."""
 
 import json
-from collections.abc import Mapping
+import logging
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from mmw import __version__
@@ -30,9 +31,16 @@ from mmw.traffic.roads.town_asset import open_town
 from mmw.traffic.weather_driving import DriverFactors, driver_factors
 from mmw.usd.vehicle_catalog import VehicleModel, load_bodies, load_catalog
 
+LOGGER = logging.getLogger(__name__)
+
 
 def cached_stage(
-    config: Config, scenario: ScenarioConfig, base: Path, root: Store, inputs: Mapping[str, str] | None = None
+    config: Config,
+    scenario: ScenarioConfig,
+    base: Path,
+    root: Store,
+    inputs: Mapping[str, str] | None = None,
+    report: Callable[[str], None] = LOGGER.warning,
 ) -> Path:
     """Return the scenario's USD stage, see `prepare_scenario`, stored with the dataset.
 
@@ -46,7 +54,7 @@ def cached_stage(
     own = f"{STAGES}/{scenario.name}"
     if scenario.stage is None:
         root.download((f"{own}.usdc", ASSETS), f"{own}.json")
-    stage = prepare_scenario(config, scenario, base, root.folder, inputs)
+    stage = prepare_scenario(config, scenario, base, root.folder, inputs, report)
     if scenario.stage is None:
         root.upload((f"{own}.usdc", ASSETS), f"{own}.json")
     elif scenario.has_units:
@@ -55,7 +63,12 @@ def cached_stage(
 
 
 def prepare_scenario(
-    config: Config, scenario: ScenarioConfig, base: Path, root: Path, inputs: Mapping[str, str] | None = None
+    config: Config,
+    scenario: ScenarioConfig,
+    base: Path,
+    root: Path,
+    inputs: Mapping[str, str] | None = None,
+    report: Callable[[str], None] = LOGGER.warning,
 ) -> Path:
     """Return the scenario's USD stage; with generated traffic it is made on the first run and reused afterwards.
 
@@ -69,6 +82,7 @@ def prepare_scenario(
         base: Folder that relative paths start from.
         root: Folder of the dataset.
         inputs: Hashes of the scenario's input files, see `mmw.scene.input_files`. A stage of others is made again.
+        report: Takes notes on the traffic; it is logged by default.
 
     Raises:
         InputError: If town, traffic or stage cannot be used.
@@ -90,7 +104,7 @@ def prepare_scenario(
     if made is not None and path.is_file() and made["sha256"] == sha256(path) and made.get("inputs", inputs) == inputs:
         return path
     names = config.variants[config.weathers[0]]
-    tracks = make_tracks(config, scenario, source, load_catalog(), base)
+    tracks = make_tracks(config, scenario, source, load_catalog(), base, report)
     if config.vary is not None and config.vary.rsu is not None:
         rsus = draw_rsu_poses(config, scenario, source)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -139,7 +153,12 @@ def stored_stage(root: Path, scenario: ScenarioConfig) -> Path:
 
 
 def make_tracks(
-    config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel], base: Path
+    config: Config,
+    scenario: ScenarioConfig,
+    source: Path,
+    catalog: Mapping[str, VehicleModel],
+    base: Path,
+    report: Callable[[str], None] = LOGGER.warning,
 ) -> list[VehicleTrack]:
     """Return the poses of a scenario's traffic, generated or recorded, and of its drones; `pose_stride` poses a frame.
 
@@ -149,6 +168,7 @@ def make_tracks(
         source: The town asset.
         catalog: Vehicle models by name.
         base: Folder that the path of a trajectory file starts from.
+        report: Takes notes on the traffic.
 
     Raises:
         InputError: If the town and the traffic do not go together, see `simulate_traffic`.
@@ -162,7 +182,10 @@ def make_tracks(
         count = base_frames(frame_count, rate_hz)
         drivers = scenario_drivers(config, traffic)
         demand = TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn, drivers=drivers)
-        tracks = [*simulate_traffic(demand).tracks, *fly_drones(scenario.uavs, count)]
+        result = simulate_traffic(demand)
+        for text in result.notes:
+            report(f"{where}: {text}")
+        tracks = [*result.tracks, *fly_drones(scenario.uavs, count)]
         return sample_tracks(tracks, frame_count, rate_hz)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error

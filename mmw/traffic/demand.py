@@ -73,3 +73,5 @@ class TrafficResult:
     """Changes of lanes: time of the decision since frame 0 [s], vehicle, lane before, lane after."""
     routes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Vehicle -> lanes of its path, those beyond the last frame included."""
+    notes: list[str] = field(default_factory=list)
+    """What the engine did otherwise than the demand says, such as spawn points that it skipped."""

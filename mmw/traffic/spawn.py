@@ -1,8 +1,8 @@
 """Choose start positions, drivers, models, paints and connected vehicles: what all engines draw alike."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -56,7 +56,22 @@ RUN_OUT = 80.0
 SETTLE_S = 1.5
 """Simulated before the warm-up and after the last frame, as support of the filters in time [s]."""
 
+MAX_NAMED = 6
+"""A note names at most so many spawn points."""
+
 Route = TypeVar("Route")
+Vehicle = TypeVar("Vehicle")
+
+
+class BlockedPointError(InputError):
+    """Report a spawn point at which no model has room and a route."""
+
+    def __init__(self, point: "SpawnPoint", reason: str, cure: str) -> None:
+        x, y, z = point.position
+        self.place = f"lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}"
+        super().__init__(
+            f"spawn point on {self.place}; every vehicle needs a route that keeps its wheels on the road; {cure}"
+        )
 
 
 def seeded(*key: int) -> np.random.Generator:
@@ -212,21 +227,90 @@ def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> tuple[list[Sta
     Raises:
         InputError: If the town has too few places.
     """
-    traffic, starts = demand.traffic, []
+    traffic = demand.traffic
     points = spawn_points(demand.town.lanes, usable)
     if demand.spawn is None:
         points = nearest_points(points, traffic.spawn_center_m, traffic.vehicle_count)
         cav_ranks = connected_ranks(traffic, demand.seed)
     else:
         points, cav_ranks = drawn_points(points, demand, demand.spawn.radius_m)
-    for rank, point in enumerate(points):
-        generator = seeded(demand.seed, rank, 0)
-        factor = generator.uniform(*DRIVER_FACTOR) * demand.drivers.speed
-        headway = generator.uniform(*DRIVER_HEADWAY) * demand.drivers.headway
-        number = cav_ranks.index(rank) if rank in cav_ranks else len(traffic.cav_models)
-        model = traffic.cav_models[number] if number < len(traffic.cav_models) else None
-        starts.append(Start(rank, point, rank in cav_ranks, factor, headway, generator, model))
-    return starts, cav_ranks
+    return [_make_start(demand, rank, point, cav_ranks) for rank, point in enumerate(points)], cav_ranks
+
+
+def _make_start(demand: TrafficDemand, rank: int, point: SpawnPoint, cav_ranks: tuple[int, ...]) -> Start:
+    models = demand.traffic.cav_models
+    generator = seeded(demand.seed, rank, 0)
+    factor = generator.uniform(*DRIVER_FACTOR) * demand.drivers.speed
+    headway = generator.uniform(*DRIVER_HEADWAY) * demand.drivers.headway
+    number = cav_ranks.index(rank) if rank in cav_ranks else len(models)
+    model = models[number] if number < len(models) else None
+    return Start(rank, point, rank in cav_ranks, factor, headway, generator, model)
+
+
+@dataclass(frozen=True)
+class Placed(Generic[Vehicle]):
+    """Vehicles at their starts."""
+
+    vehicles: list[Vehicle]
+    """By rank."""
+    cav_ranks: tuple[int, ...]
+    """Ranks of the CAVs, `cav_1` first."""
+    notes: list[str]
+    """Spawn points that were skipped, and vehicles for which no other was left."""
+
+
+def place_starts(demand: TrafficDemand, usable: frozenset[str], add: Callable[[Start], Vehicle]) -> Placed[Vehicle]:
+    """Return the vehicles of a scenario; where none can start, the point is skipped and the next one taken.
+
+    Points behind those of `draw_starts` are the other ones nearest to the spawn center. Once there are no more, the
+    vehicles that remain are left out.
+
+    Args:
+        demand: The scenario.
+        usable: Lanes to start on.
+        add: Makes a vehicle, or raises `BlockedPointError`.
+
+    Raises:
+        InputError: If the town has too few places, no vehicle can start at any of them, or one that is left out is a
+            CAV.
+    """
+    starts, cav_ranks = draw_starts(demand, usable)
+    vehicles: list[Vehicle] = []
+    blocked: list[BlockedPointError] = []
+    for point in _all_points(demand, usable, [start.point for start in starts]):
+        if len(vehicles) == len(starts):
+            break
+        try:
+            vehicles.append(add(_make_start(demand, len(vehicles), point, cav_ranks)))
+        except BlockedPointError as error:
+            blocked.append(error)
+    if blocked and not vehicles:
+        raise blocked[0]
+    if missing := [rank for rank in cav_ranks if rank >= len(vehicles)]:
+        raise InputError(
+            f"cav_ranks = {list(cav_ranks)}: vehicles can start at {len(vehicles)} spawn points only, so there is no "
+            f"rank {missing[0]}; give smaller ranks; blocked is {blocked[0].place}"
+        )
+    notes = []
+    if blocked:
+        named = "; ".join(error.place for error in blocked[:MAX_NAMED])
+        more = f"; and {len(blocked) - MAX_NAMED} more" if len(blocked) > MAX_NAMED else ""
+        notes.append(f"{len(blocked)} spawn points skipped, for no vehicle can start there: {named}{more}")
+    if len(vehicles) < len(starts):
+        notes.append(f"{len(vehicles)} of {len(starts)} vehicles drive: no spawn point is left for the others")
+    return Placed(vehicles, cav_ranks, notes)
+
+
+def _all_points(demand: TrafficDemand, usable: frozenset[str], chosen: list[SpawnPoint]) -> Iterator[SpawnPoint]:
+    """Yield the chosen points, then the others by their distance to the spawn center, within the radius if any."""
+    yield from chosen
+    points = spawn_points(demand.town.lanes, usable)
+    position = np.array([point.position for point in points]).reshape(-1, 3)
+    distance = np.linalg.norm(position - np.asarray(demand.traffic.spawn_center_m, np.float64), axis=1)
+    inside = distance <= (np.inf if demand.spawn is None else demand.spawn.radius_m)
+    order = [index for index in np.argsort(distance, kind="stable").tolist() if inside[index]]
+    first = [points.index(point) for point in chosen]
+    yield from (points[index] for index in _places(position, [*first, *order])[len(first) :])
 
 
 class Places:
@@ -245,7 +329,8 @@ class Places:
         `find_route` returns the route of a model; or None, and what prevents one.
 
         Raises:
-            InputError: If no model has both.
+            BlockedPointError: If no model has both.
+            InputError: If there is no model of the name that the configuration gives.
         """
         point, reason = start.point, "no model has room between its neighbors"
         drawn = draw_models(shapes, start.is_cav, start.generator)
@@ -258,15 +343,12 @@ class Places:
                 self.occupied.setdefault(point.lane, []).append(span)
                 return shape, route
             reason = why
-        x, y, z = point.position
-        raise InputError(
-            f"spawn point on lane {point.lane!r} at ({x:.1f}, {y:.1f}, {z:.1f}) m: {reason}; every vehicle needs a "
-            "route that keeps its wheels on the road; "
-            + (
-                "widen the road there, or add a shorter vehicle model"
-                if start.model is None
-                else f"choose a model other than {start.model} in cav_models, or another rank in cav_ranks"
-            )
+        raise BlockedPointError(
+            point,
+            reason,
+            "widen the road there, or add a shorter vehicle model"
+            if start.model is None
+            else f"choose a model other than {start.model} in cav_models, or another rank in cav_ranks",
         )
 
     def _fits(self, lane: str, span: tuple[float, float]) -> bool:

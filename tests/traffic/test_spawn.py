@@ -10,7 +10,18 @@ from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.idm.simulation import simulate_idm
 from mmw.traffic.route import endless_lanes
-from mmw.traffic.spawn import SAME_PLACE, SpawnPoint, connected_ranks, draw_starts, drawn_points, spawn_points
+from mmw.traffic.spawn import (
+    SAME_PLACE,
+    BlockedPointError,
+    Placed,
+    SpawnPoint,
+    Start,
+    connected_ranks,
+    draw_starts,
+    drawn_points,
+    place_starts,
+    spawn_points,
+)
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand, grid, surface
 
@@ -100,6 +111,86 @@ def test_without_it_the_start_is_that_of_before() -> None:
     assert ranks == (0, 1, 2)
     (one, own), (other, _) = (draw_starts(replace(given, seed=seed), endless_lanes(GRID)) for seed in (3, 4))
     assert own == (0, 1, 2) and [start.point for start in one] == [start.point for start in other]
+
+
+def place_beside(given: TrafficDemand, blocked: set[SpawnPoint]) -> Placed[Start]:
+    """Return the starts of a demand in a town where no vehicle can start at some points."""
+
+    def add(start: Start) -> Start:
+        if start.point in blocked:
+            raise BlockedPointError(start.point, "the bend is too tight", "widen the road there")
+        return start
+
+    return place_starts(given, endless_lanes(GRID), add)
+
+
+def test_blocked_points_are_skipped_and_named() -> None:
+    """The vehicles are those of a town without these points: nearest first, the rank's own driver at each."""
+    given = replace(varied(3), spawn=None)
+    before, _ = draw_starts(given, endless_lanes(GRID))
+    blocked = {before[0].point, before[5].point}
+    placed = place_beside(given, blocked)
+    points = [point for point in spawn_points(GRID, endless_lanes(GRID)) if point not in blocked]
+    place = np.linalg.norm(np.array([point.position for point in points]) - CENTER, axis=1)
+    nearest = [points[index] for index in np.argsort(place, kind="stable")[:24]]
+    assert [start.point for start in placed.vehicles] == nearest
+    assert [start.rank for start in placed.vehicles] == list(range(24)) and placed.cav_ranks == (0, 1, 2)
+    assert [(s.factor, s.headway, s.is_cav) for s in placed.vehicles] == [
+        (s.factor, s.headway, s.is_cav) for s in before
+    ]
+    (note,) = placed.notes
+    assert note.startswith("2 spawn points skipped") and f"lane {before[0].point.lane!r} at (" in note
+    assert note.count("the bend is too tight") == 2
+
+
+def test_drawn_points_are_replaced_within_the_radius() -> None:
+    given = varied(3)
+    before, ranks = draw_starts(given, endless_lanes(GRID))
+    placed = place_beside(given, {before[2].point})
+    assert len(placed.vehicles) == 24 and placed.cav_ranks == ranks
+    place = np.array([start.point.position for start in placed.vehicles])
+    assert np.linalg.norm(place - CENTER, axis=1).max() <= 110.0
+    apart = np.linalg.norm(place[:, None] - place[None], axis=2) + 1e3 * np.eye(24)
+    assert apart.min() >= SAME_PLACE
+
+
+def test_vehicles_without_a_point_are_left_out_but_no_cav() -> None:
+    given = replace(varied(3), spawn=None)
+    points = spawn_points(GRID, endless_lanes(GRID))
+    few = set(points[:5])
+    placed = place_beside(given, set(points) - few)
+    assert len(placed.vehicles) == 5 and {start.point for start in placed.vehicles} == few
+    assert placed.notes[0].endswith(f"; and {len(points) - 5 - 6} more")
+    assert placed.notes[1] == "5 of 24 vehicles drive: no spawn point is left for the others"
+    with pytest.raises(
+        InputError, match=r"cav_ranks = \[0, 1, 2\]: vehicles can start at 2 spawn points only, .* rank 2"
+    ):
+        place_beside(given, set(points[2:]))
+    with pytest.raises(
+        BlockedPointError, match=r"spawn point on lane .*: the bend is too tight; .*widen the road there"
+    ):
+        place_beside(given, set(points))
+
+
+def test_a_hole_in_the_road_costs_its_point() -> None:
+    """No wheel stands over a hole of 3 m about the spawn point nearest to the center; the others drive."""
+    given = demand(GRID, surface(GRID), seed=3, cav_ranks=(0,), spawn_center_m=CENTER, vehicle_count=4, frame_count=10)
+    hole = draw_starts(given, endless_lanes(GRID))[0][0].point
+    points, faces = surface(GRID)
+    away = np.linalg.norm(points[faces].mean(axis=1)[:, :2] - hole.position[:2], axis=1)
+    found = simulate_idm(
+        demand(
+            GRID,
+            (points, faces[away > 3.0]),
+            seed=3,
+            cav_ranks=(0,),
+            spawn_center_m=CENTER,
+            vehicle_count=4,
+            frame_count=10,
+        )
+    )
+    assert len(found.tracks) == 4 and found.tracks[0].role == "cav"
+    assert any(f"lane {hole.lane!r} at (" in note and "leaves the drivable surface" in note for note in found.notes)
 
 
 @pytest.mark.slow

@@ -40,7 +40,7 @@ class Fleet:
         """Place a vehicle with a model, a paint and a route.
 
         Raises:
-            InputError: If no model has room, or none can drive from here without leaving the road.
+            BlockedPointError: If no model has room, or none can drive from here without leaving the road.
         """
         need = self.fastest * self.duration + RUN_OUT
 

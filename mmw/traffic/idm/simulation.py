@@ -9,10 +9,11 @@ from mmw.traffic.idm.driver import STEP
 from mmw.traffic.idm.engine import IdmEngine
 from mmw.traffic.idm.fleet import Fleet
 from mmw.traffic.idm.lane_change import LaneChanges
+from mmw.traffic.idm.vehicle import Car
 from mmw.traffic.idm.wait_causes import find_causes
 from mmw.traffic.signals import make_plans
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.spawn import SETTLE_S, draw_starts, name_vehicle, vehicle_order
+from mmw.traffic.spawn import SETTLE_S, Placed, name_vehicle, place_starts, vehicle_order
 from mmw.traffic.vehicle_pose import sample_poses
 
 STATION_SIGMA = 0.12
@@ -24,11 +25,11 @@ def start_idm(demand: TrafficDemand) -> IdmEngine:
     return start_fleet(demand)[0]
 
 
-def start_fleet(demand: TrafficDemand) -> tuple[IdmEngine, tuple[int, ...]]:
-    """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0, and CAVs' ranks.
+def start_fleet(demand: TrafficDemand) -> tuple[IdmEngine, Placed[Car]]:
+    """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0, and who they are.
 
     Raises:
-        InputError: If the town has too few places, no model can drive from a place without leaving the road, or
+        InputError: If the town has too few places, no model can drive from any of them without leaving the road, or
             `signals` is true in a town without lights.
     """
     traffic, graph = demand.traffic, demand.town.lanes
@@ -40,15 +41,15 @@ def start_fleet(demand: TrafficDemand) -> tuple[IdmEngine, tuple[int, ...]]:
         )
     before = SETTLE_S + traffic.warmup_s
     fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ)
-    starts, cav_ranks = draw_starts(demand, fleet.endless)
-    cars = [fleet.add(start) for start in starts]
+    placed = place_starts(demand, fleet.endless, fleet.add)
     changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
-    return IdmEngine(graph, cars, changes, plans, -before), cav_ranks
+    return IdmEngine(graph, placed.vehicles, changes, plans, -before), placed
 
 
 def simulate_idm(demand: TrafficDemand) -> TrafficResult:
     """Return the motion of all vehicles of a scenario, changes of lanes and routes; errors as of `start_fleet`."""
-    engine, cav_ranks = start_fleet(demand)
+    engine, placed = start_fleet(demand)
+    cav_ranks = placed.cav_ranks
     lead = round(-engine.start / STEP)
     steps = lead + int(np.ceil((demand.frame_count / FRAME_RATE_HZ + SETTLE_S) / STEP))
     station, speed, waits = record_steps(engine, steps)
@@ -67,6 +68,7 @@ def simulate_idm(demand: TrafficDemand) -> TrafficResult:
         tracks,
         [(time + engine.start, names[rank], lane, other) for time, rank, lane, other in done],
         {name: engine.cars[rank].line.lanes for rank, name in names.items()},
+        placed.notes,
     )
 
 

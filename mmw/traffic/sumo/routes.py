@@ -50,7 +50,7 @@ class RoutePlanner:
         """Return a vehicle with a model and a route.
 
         Raises:
-            InputError: If no model has room there, or a route that it can drive.
+            BlockedPointError: If no model has room there, or a route that it can drive.
         """
 
         def find_route(shape: Shape) -> tuple[list[str] | None, str]:

@@ -20,7 +20,7 @@ from mmw.traffic.replay.recorded_vehicles import place_vehicles
 from mmw.traffic.replay.trajectory_table import Trajectory
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.route import PATH_STEP
-from mmw.traffic.spawn import RUN_OUT, SETTLE_S, draw_starts, vehicle_order
+from mmw.traffic.spawn import RUN_OUT, SETTLE_S, place_starts, vehicle_order
 from mmw.traffic.sumo import worker as sumo_worker
 from mmw.traffic.sumo.network import SumoNetwork, make_network
 from mmw.traffic.sumo.routes import RoutePlanner, SumoVehicle, entry_speeds, lane_limits
@@ -59,8 +59,8 @@ def simulate_sumo(demand: TrafficDemand) -> TrafficResult:
     duration = 2 * SETTLE_S + traffic.warmup_s + demand.frame_count / FRAME_RATE_HZ
     fastest = max(lane.speed for lane in graph.lanes.values())
     planner = RoutePlanner(demand, fastest * duration + RUN_OUT)
-    starts, cav_ranks = draw_starts(demand, planner.endless)
-    vehicles = [planner.add(start) for start in starts]
+    placed = place_starts(demand, planner.endless, planner.add)
+    vehicles, cav_ranks = placed.vehicles, placed.cav_ranks
     limits = lane_limits(graph)
     network = make_network(graph, {name: _lane_speed(graph, name, limits[name]) for name in graph.lanes})
     with tempfile.TemporaryDirectory(prefix="mmw-sumo-") as folder:
@@ -86,7 +86,7 @@ def simulate_sumo(demand: TrafficDemand) -> TrafficResult:
             _trajectory(str(rank), states[:, rank], first, vehicle.shape.name) for rank, vehicle in enumerate(vehicles)
         ]
         ordered = [moves[rank] for rank in vehicle_order(cav_ranks, len(moves))]
-        return TrafficResult(place_vehicles(demand, ordered, len(cav_ranks), comfort=COMFORT))
+        return TrafficResult(place_vehicles(demand, ordered, len(cav_ranks), comfort=COMFORT), notes=placed.notes)
     except InputError as error:
         raise InputError(f"engine = 'sumo': {error}; another seed may do") from None
 

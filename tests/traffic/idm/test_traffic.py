@@ -257,6 +257,6 @@ def test_bad_input_is_refused(cross):
         with pytest.raises(ValueError, match=match):
             run(cross, **{key: value})
     points, faces = surface(cross)
-    island = (points[faces].mean(axis=1)[:, 0]) < 20.0
+    island = (points[faces].mean(axis=1)[:, 0]) < -80.0
     with pytest.raises(ValueError, match=r"spawn point on lane .* leaves the drivable surface for model"):
         simulate_idm(demand(cross, (points, faces[island]), frame_count=10, spawn_center_m=(60.0, 0, 0), seed=0))
