@@ -74,4 +74,4 @@ class TrafficResult:
     routes: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Vehicle -> lanes of its path, those beyond the last frame included."""
     notes: list[str] = field(default_factory=list)
-    """What the engine did otherwise than the demand says, such as spawn points that it skipped."""
+    """Differences from the demand that people should know, such as spawn points that were skipped."""
