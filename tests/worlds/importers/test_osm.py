@@ -258,6 +258,14 @@ def test_a_multipolygon_alone_can_be_the_road(tmp_path: Path) -> None:
     assert area(merge(parts_of(read(tmp_path, town.text()), "Roads/"))) == pytest.approx(1500, rel=1e-4)
 
 
+@pytest.mark.parametrize("suffix", [".osm", ".osm.gz", ".osm.bz2"])
+def test_a_file_that_the_system_refuses_is_not_called_broken(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"folder{suffix}").mkdir()
+    for name, reason in (("folder", "directory"), ("missing", "No such file")):
+        with pytest.raises(InputError, match=rf"{name}{suffix}: cannot be read \(.*{reason}.*\); give the path"):
+            read_osm(tmp_path / f"{name}{suffix}")
+
+
 @pytest.mark.parametrize(("suffix", "pack"), [(".osm.gz", gzip.compress), (".osm.bz2", bz2.compress)])
 def test_packed_extracts(tmp_path: Path, town: ImportedScene, suffix: str, pack: Callable[[bytes], bytes]) -> None:
     path = tmp_path / f"extract{suffix}"

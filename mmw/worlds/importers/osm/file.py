@@ -38,9 +38,9 @@ def read_elements(path: Path) -> ElementTree.Element:
     try:
         with packed(path) as file:
             data = file.read(MAX_BYTES + 1)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give the path of an existing file") from None
-    except (OSError, EOFError, ValueError, zlib.error) as error:
+    except (OSError, EOFError, zlib.error) as error:  # of these only the system's own errors have a number
+        if getattr(error, "errno", None) is not None:
+            raise InputError(f"{path}: cannot be read ({error.strerror}); give the path of an existing file") from None
         raise InputError(f"{path}: cannot be unpacked ({error}); {CURE}") from None
     if len(data) > MAX_BYTES:
         raise _too_large(path)
