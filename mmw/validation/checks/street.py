@@ -9,6 +9,7 @@ from mmw.channel.tr38901 import LogNormal, StreetCanyon, street_canyon
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.validation.blocked_links import REACH_M, STEP_M, blocked_links
 from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.link_losses import Model, describe_difference, draw_losses, over_scenarios
 from mmw.validation.town_links import CARS, RAYS, SHORT, TownLinks, all_scenarios, town_links
 
 P1411 = Source(
@@ -33,12 +34,6 @@ NLOS_SPREAD_DB = 6.0
 
 CORNERS = ("town03_five_way", "town05_cbd_crossroad", "town10_crossroad")
 """Scenarios whose RSU has streets around corners."""
-
-Model = Callable[[np.ndarray], np.ndarray]
-"""Loss [dB] over distance [m]."""
-
-Average = Callable[[Any], Any]
-"""`np.mean` or `np.median`."""
 
 SAMPLE = (
     f"RSU to {CARS} cars in each of {', '.join(SHORT)} (first frame; streets between buildings), preset "
@@ -70,27 +65,6 @@ def _links(carrier_hz: float, device: str, scenarios: Sequence[str]) -> TownLink
     return town_links("v2i", carrier_hz, device, tuple(scenarios)).of_state("clear")
 
 
-def _draw_loss(
-    scenario: np.ndarray, distance: np.ndarray, loss: np.ndarray, carrier_hz: float, curves: dict[str, Model]
-) -> Callable[[Any], None]:
-    """Return a function that draws losses over distance beside models."""
-
-    def draw(axes: Any) -> None:
-        grid = np.geomspace(distance.min() * 0.9, distance.max() * 1.1, 50)
-        names = list(dict.fromkeys(scenario))
-        for name in names if len(names) < 5 else ():
-            axes.plot(distance[scenario == name], loss[scenario == name], "o", ms=4, label=str(name))
-        if len(names) >= 5:
-            axes.plot(distance, loss, "o", ms=3, label=f"links of {len(names)} scenarios")
-        for (name, curve), style in zip(curves.items(), ("k-", "k--", "k:"), strict=False):
-            axes.plot(grid, curve(grid), style, lw=1, label=name)
-        axes.set_xlabel("distance [m]")
-        axes.set_ylabel(f"loss at {carrier_hz / 1e9:g} GHz [dB]")
-        axes.legend(fontsize=7)
-
-    return draw
-
-
 def _draw_distribution(values: np.ndarray, model: LogNormal, label: str) -> Callable[[Any], None]:
     """Return a function that draws the distribution of a spread beside a log-normal one."""
 
@@ -113,12 +87,11 @@ def _residual(carrier_hz: float, model: Model, scenarios: Callable[[], Sequence[
     def measure(device: str) -> Measurement:
         links = _links(carrier_hz, device, scenarios())
         off = links.loss_db - model(links.distance_m)
-        text = f"{len(off)} links of {links.distance_m.min():.0f} to {links.distance_m.max():.0f} m, standard deviation"
         over = links.loss_db - free_space_db(links.distance_m, carrier_hz)
-        text += f" {off.std():.1f} dB; {over.mean():+.1f} dB over free space"
+        text = f"{describe_difference(links, off)}; {over.mean():+.1f} dB over free space"
         curves = {"model": model, "free space": lambda own: free_space_db(own, carrier_hz)}
-        draw = _draw_loss(links.scenario, links.distance_m, links.loss_db, carrier_hz, curves)
-        return Measurement(_over_scenarios(links.scenario, off, np.mean, np.mean), text, draw)
+        draw = draw_losses(links.scenario, links.distance_m, links.loss_db, carrier_hz, curves)
+        return Measurement(over_scenarios(links.scenario, off, np.mean), text, draw)
 
     return measure
 
@@ -136,17 +109,12 @@ def _around_corners(device: str) -> Measurement:
         f"{len(loss)} links of {distance.min():.0f} to {distance.max():.0f} m, {silent.sum()} more without any path; "
     )
     text += f"standard deviation {off.std():.1f} dB; {100 * share.mean():.0f} % of the power are mirror reflections, "
-    text += f"without which it were {_over_scenarios(scenario, rest, np.mean, np.mean):+.1f} dB"
+    text += f"without which it would be {over_scenarios(scenario, rest, np.mean):+.1f} dB"
     curves: dict[str, Model] = {
         "P.1411": lambda own: p1411_loss_db(own, 28e9, NLOS), "free space": lambda own: free_space_db(own, 28e9),
     }  # fmt: skip
-    draw = _draw_loss(scenario, distance, loss, 28e9, curves)
-    return Measurement(_over_scenarios(scenario, off, np.mean, np.mean), text, draw)
-
-
-def _over_scenarios(scenario: np.ndarray, values: np.ndarray, inside: Average, across: Average) -> float:
-    """Return an average over scenarios, each of which counts once, of averages over their links."""
-    return float(across([inside(values[scenario == name]) for name in dict.fromkeys(scenario)]))
+    draw = draw_losses(scenario, distance, loss, 28e9, curves)
+    return Measurement(over_scenarios(scenario, off, np.mean), text, draw)
 
 
 def _short() -> Sequence[str]:
@@ -186,7 +154,7 @@ def _spread(
         text = (
             f"{len(values)} links; deciles {np.percentile(values, 10):.0f} and {np.percentile(values, 90):.0f}; {each}"
         )
-        value = _over_scenarios(links.scenario, values, np.median, np.median)
+        value = over_scenarios(links.scenario, values, np.median)
         return Measurement(value, text, _draw_distribution(values, model, label))
 
     return measure
@@ -238,7 +206,7 @@ def _k_factor(carrier_hz: float) -> Callable[[str], Measurement]:
         links = _links(carrier_hz, device, SHORT)
         values = links.k_factor_db
         text = f"{len(values)} links; deciles {np.percentile(values, 10):.1f} and {np.percentile(values, 90):.1f} dB"
-        return Measurement(_over_scenarios(links.scenario, values, np.median, np.median), text)
+        return Measurement(over_scenarios(links.scenario, values, np.median), text)
 
     return measure
 
@@ -300,7 +268,7 @@ CHECKS = (
         sources=(P1411,),
         measure=_around_corners,
         is_long=True,
-        known_red="four fifths of the power behind corners are mirror reflections at facades; without any it were "
+        known_red="four fifths of the power behind corners are mirror reflections at facades; without any it would be "
         "3 dB too high, and the spread is that of the recommendation. Panes and walls of a facade lie in one plane and "
         "are smooth, and little stands before them. Reveals of windows, or coefficients of scattering measured at "
         "facades of this band, would mend it",

@@ -12,6 +12,7 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.materials.material import RadioMaterial
 from mmw.validation.check import Check, Measurement, Source
 from mmw.validation.link_levels import add_ends
+from mmw.validation.link_losses import describe_difference, draw_losses, over_scenarios
 from mmw.validation.targets import load_asset
 from mmw.validation.town_links import CARS, RAYS, SHORT, town_links
 
@@ -45,21 +46,9 @@ def _los(carrier_hz: float) -> Callable[[str], Measurement]:
     def measure(device: str) -> Measurement:
         links = town_links("first_car", carrier_hz, device, SHORT).of_state("clear")
         off = links.loss_db - urban_loss_db(links.distance_m, carrier_hz)
-        names = list(dict.fromkeys(links.scenario))
-        each = [float(off[links.scenario == name].mean()) for name in names]
-
-        def draw(axes: Any) -> None:
-            for name in names:
-                own = links.scenario == name
-                axes.plot(links.distance_m[own], links.loss_db[own], "o", ms=4, label=name)
-            grid = np.geomspace(links.distance_m.min(), links.distance_m.max(), 50)
-            axes.plot(grid, urban_loss_db(grid, carrier_hz), "k--", lw=1, label="TR 37.885")
-            axes.set_xlabel("distance [m]")
-            axes.set_ylabel(f"loss at {carrier_hz / 1e9:g} GHz [dB]")
-            axes.legend(fontsize=7)
-
-        text = f"{len(off)} links of {links.distance_m.min():.0f} to {links.distance_m.max():.0f} m, standard deviation"
-        return Measurement(float(np.mean(each)), f"{text} {off.std():.1f} dB", draw)
+        model = {"TR 37.885": lambda distance: urban_loss_db(distance, carrier_hz)}
+        draw = draw_losses(links.scenario, links.distance_m, links.loss_db, carrier_hz, model)
+        return Measurement(over_scenarios(links.scenario, off, np.mean), describe_difference(links, off), draw)
 
     return measure
 
