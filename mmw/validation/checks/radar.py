@@ -27,8 +27,8 @@ JRC = Source(
     "https://doi.org/10.2788/80844", "other code",
 )  # fmt: skip
 RUCK = Source(
-    "Ruck et al., Radar Cross Section Handbook, 1970", "chapter 8; physical optics",
-    "https://doi.org/10.1007/978-1-4899-5324-7", "citation",
+    "Ruck et al., Radar Cross Section Handbook, 1970", "chapter 8; physical optics, as RadarBook and others have it",
+    "https://doi.org/10.1007/978-1-4899-5324-7", "other code",
 )  # fmt: skip
 TI_IMAGING = Source(
     "Texas Instruments TIDUEN5A, Imaging radar using cascaded mmWave sensor reference design", "key system "

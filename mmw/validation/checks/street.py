@@ -15,7 +15,12 @@ from mmw.validation.town_links import CARS, RAYS, SHORT, TownLinks, all_scenario
 P1411 = Source(
     "ITU-R P.1411-12", "section 4.1.1, equation 1 and its table", "https://www.itu.int/rec/R-REC-P.1411", "other code",
 )  # fmt: skip
-TR38901_LOSS = Source("3GPP TR 38.901", "table 7.4.1-1", "https://www.3gpp.org/dynareport/38901.htm", "citation")
+TR38901_LOSS = Source(
+    "3GPP TR 38.901",
+    "table 7.4.1-1, as Sionna and ns-3 have it",
+    "https://www.3gpp.org/dynareport/38901.htm",
+    "other code",
+)
 TR38901 = Source("3GPP TR 38.901", "table 7.5-6 part 1", "https://www.3gpp.org/dynareport/38901.htm", "other code")
 NYURAY = Source(
     "Ying et al., Site-specific location calibration and validation of ray-tracing simulator NYURay at upper mid-band "

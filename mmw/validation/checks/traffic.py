@@ -21,8 +21,10 @@ from mmw.usd.vehicle_catalog import load_catalog
 from mmw.validation.check import Check, Measurement, Source
 
 HCM_SATURATION = Source(
-    "Highway Capacity Manual, 6th edition", "chapter 19: base saturation flow of 1,900 passenger cars an hour and lane",
-    "https://doi.org/10.17226/24798", "citation",
+    "Highway Capacity Manual, 6th edition",
+    "chapter 19: base saturation flow of 1,900 passenger cars an hour and lane, "
+    "as POLARIS and others have it",
+    "https://doi.org/10.17226/24798", "other code",
 )  # fmt: skip
 NCHRP = Source(
     "NCHRP Report 572, Roundabouts in the United States, 2007", "field measurements of follow-up headways",
