@@ -41,12 +41,9 @@ def _validate(options: argparse.Namespace) -> int:
 
     def tell(result: Result) -> None:
         color = "green" if result.is_green else "red"
-        check, value = result.check, result.measurement.value
-        print(
-            f"{color:5}  {check.name:32} {value:9.4g}  ({check.low:.4g} to {check.high:.4g} {check.unit})".rstrip()
-            + f"  {result.seconds:.1f} s",
-            flush=True,
-        )
+        check, value, published = result.check, result.measurement.value, result.check.reference
+        agrees = f"{published.low:.4g} to {published.high:.4g} {check.unit}".rstrip()
+        print(f"{color:5}  {check.name:32} {value:9.4g}  ({agrees})  {result.seconds:.1f} s", flush=True)
 
     results = run_checks(checks, choose_device(options.device), tell)
     if options.json is not None:

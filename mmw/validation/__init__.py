@@ -5,8 +5,8 @@ where it is known not to agree, why and what would mend it. A module of `mmw.val
 topic in `CHECKS`.
 """
 
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 from mmw.validation.registry import all_checks
 from mmw.validation.run import Result, run_checks
 
-__all__ = ["Check", "Measurement", "Result", "Source", "all_checks", "run_checks"]
+__all__ = ["Check", "Measurement", "Reference", "Result", "Source", "all_checks", "run_checks"]

@@ -29,6 +29,42 @@ class Source:
 
 
 @dataclass(frozen=True)
+class Reference:
+    """A published value, and the range that agrees with it."""
+
+    value: float
+    """Published value, in the unit of the check."""
+    low: float
+    """Smallest value that agrees."""
+    high: float
+    """Largest value that agrees."""
+
+    def __post_init__(self) -> None:
+        """Check the order."""
+        if not self.low <= self.value <= self.high:
+            raise ValueError(f"reference {self.value:g} is not in {self.low:g} to {self.high:g}")
+
+    def contains(self, value: float) -> bool:
+        """Return whether a value agrees."""
+        return self.low <= value <= self.high
+
+    @classmethod
+    def plus_minus(cls, value: float, spread: float) -> "Reference":
+        """Return a range of `spread` to both sides, in the unit of the check."""
+        return cls(value, value - spread, value + spread)
+
+    @classmethod
+    def within_share(cls, value: float, share: float) -> "Reference":
+        """Return a range of `share` of the value to both sides."""
+        return cls(value, (1.0 - share) * value, (1.0 + share) * value)
+
+    @classmethod
+    def within_factor(cls, value: float, factor: float) -> "Reference":
+        """Return a range from the value divided by `factor` to the value times it."""
+        return cls(value, value / factor, value * factor)
+
+
+@dataclass(frozen=True)
 class Measurement:
     """Result of the computation of a check."""
 
@@ -52,12 +88,8 @@ class Check:
     """How the simulator gets its number: scene, solver, preset, averages."""
     unit: str
     """Unit of all numbers, empty for a ratio."""
-    reference: float
-    """Published value."""
-    low: float
-    """Smallest value that agrees."""
-    high: float
-    """Largest value that agrees."""
+    reference: Reference
+    """Published value, and the range that agrees with it."""
     tolerance: str
     """Reason of the range: spread of the measurements, accuracy of the model, limit of a standard."""
     sources: tuple[Source, ...]
@@ -70,9 +102,7 @@ class Check:
     """Whether it needs minutes or a GPU, so that only `mmw validate --full` runs it."""
 
     def __post_init__(self) -> None:
-        """Check that the row can be right and can fail."""
-        if not self.low <= self.reference <= self.high:
-            raise ValueError(f"check {self.name}: reference {self.reference:g} is not in {self.low:g} to {self.high:g}")
+        """Check that the row has a source and a topic."""
         if not self.sources:
             raise ValueError(f"check {self.name}: no source")
         if "." not in self.name:

@@ -46,8 +46,10 @@ def _table(results: Sequence[Result]) -> str:
     lines = ["| row | computed | published | agrees | |", "|---|---|---|---|---|"]
     for result in results:
         check = result.check
-        computed, published = (_quantity(value, check.unit) for value in (result.measurement.value, check.reference))
-        agrees = f"{check.low:.3g} to {check.high:.3g}"
+        computed, published = (
+            _quantity(value, check.unit) for value in (result.measurement.value, check.reference.value)
+        )
+        agrees = f"{check.reference.low:.3g} to {check.reference.high:.3g}"
         lines.append(f"| {check.title} | {computed} | {published} | {agrees} | {COLORS[result.is_green]} |")
     return "\n".join(lines)
 

@@ -21,7 +21,7 @@ class Result:
     def is_green(self) -> bool:
         """Whether the value lies in the range that agrees."""
         value = float(self.measurement.value)
-        return math.isfinite(value) and self.check.low <= value <= self.check.high
+        return math.isfinite(value) and self.check.reference.contains(value)
 
     @property
     def problem(self) -> str:
@@ -38,8 +38,9 @@ class Result:
         check = self.check
         return {
             "name": check.name, "title": check.title, "unit": check.unit, "value": float(self.measurement.value),
-            "reference": check.reference, "low": check.low, "high": check.high, "is_green": self.is_green,
-            "known_red": check.known_red, "detail": self.measurement.detail, "seconds": round(self.seconds, 2),
+            "reference": check.reference.value, "low": check.reference.low, "high": check.reference.high,
+            "is_green": self.is_green, "known_red": check.known_red, "detail": self.measurement.detail,
+            "seconds": round(self.seconds, 2),
         }  # fmt: skip
 
 

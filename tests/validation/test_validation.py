@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mmw.validation import Check, Measurement, Source, all_checks, run_checks
+from mmw.validation import Check, Measurement, Reference, Source, all_checks, run_checks
 from mmw.validation.page import write_page
 
 SOURCE = Source("A body, A document", "table 1", "https://example.org", "document")
 CHECK = Check(
-    name="made_up.row", title="A row", computed="nothing", unit="dB", reference=1.0, low=0.0, high=2.0,
+    name="made_up.row", title="A row", computed="nothing", unit="dB", reference=Reference.plus_minus(1.0, 1.0),
     tolerance="none", sources=(SOURCE,), measure=lambda device: Measurement(1.5),
 )  # fmt: skip
 
@@ -33,12 +33,22 @@ def test_a_row_is_green_within_its_range_and_a_surprise_is_a_problem(
     (result,) = run_checks([replace(CHECK, measure=lambda device: Measurement(value), known_red=known_red)], "cpu")
     assert result.is_green == is_green
     assert result.problem == problem
+    assert result.record["is_green"] == is_green
+    assert (result.record["reference"], result.record["low"], result.record["high"]) == (1.0, 0.0, 2.0)
 
 
-@pytest.mark.parametrize("wrong", [{"reference": 3.0}, {"sources": ()}, {"name": "row"}])
+@pytest.mark.parametrize("wrong", [{"sources": ()}, {"name": "row"}])
 def test_a_row_that_says_nothing_is_refused(wrong: dict) -> None:
     with pytest.raises(ValueError, match="check"):
         replace(CHECK, **wrong)
+
+
+def test_a_reference_lies_in_its_range() -> None:
+    with pytest.raises(ValueError, match="reference 3 is not in 0 to 2"):
+        Reference(3.0, 0.0, 2.0)
+    assert Reference.within_share(10.0, 0.25) == Reference(10.0, 7.5, 12.5)
+    assert Reference.within_factor(10.0, 2.0) == Reference(10.0, 5.0, 20.0)
+    assert Reference.plus_minus(10.0, 2.0).contains(12.0) and not Reference.plus_minus(10.0, 2.0).contains(12.1)
 
 
 def test_a_source_says_how_it_was_checked() -> None:
@@ -50,7 +60,7 @@ def test_names_are_unique_and_every_range_can_fail() -> None:
     checks = all_checks()
     assert len({check.name for check in checks}) == len(checks)
     for check in checks:
-        assert np.isfinite([check.low, check.high]).any(), check.name
+        assert np.isfinite([check.reference.low, check.reference.high]).any(), check.name
 
 
 def test_the_page_has_every_row_with_its_reason_and_figure(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.weather.weather import Weather
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 P676 = Source(
     "ITU-R P.676-13, validation examples CG-3M3J-13", "annex 1, 15 C, 7.5 g/m3, as in the test data of ITU-Rpy",
@@ -57,9 +57,7 @@ def _row(
         title=title,
         computed=computed,
         unit="dB/km",
-        reference=reference,
-        low=reference * (1.0 - share),
-        high=reference * (1.0 + share),
+        reference=Reference.within_share(reference, share),
         tolerance=tolerance,
         sources=(source,),
         measure=measure,

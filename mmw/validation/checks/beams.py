@@ -11,7 +11,7 @@ from mmw.dataset.beam_samples import link_samples
 from mmw.dataset.deepsense import PUBLISHED
 from mmw.dataset.position_beams import BeamAccuracy, score_positions
 from mmw.generation.run_config import generate
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 DEEPSENSE = Source(
     "DeepSense 6G, leaderboard of position-aided beam prediction; Morais et al., Position-aided beam prediction in the "
@@ -74,14 +74,14 @@ COMPUTED = (
 CHECKS = (
     Check(
         name="beams.position_top1", title="Best of 64 beams by position alone, top-1", computed=COMPUTED, unit="%",
-        reference=MEAN, low=20.0, high=90.0,
+        reference=Reference(MEAN, 20.0, 90.0),
         tolerance="from the least of the scenarios, 21.8 %, to where positions would say nearly all, which was "
         "measured nowhere",
         sources=(DEEPSENSE,), measure=_top_1(None),
     ),
     Check(
         name="beams.position_top1_noisy", title=f"Best of 64 beams by position alone, top-1, SNR {SNR_DB:g} dB",
-        computed=f"{COMPUTED}; powers with the noise of a receiver", unit="%", reference=MEAN, low=LEAST, high=MOST,
+        computed=f"{COMPUTED}; powers with the noise of a receiver", unit="%", reference=Reference(MEAN, LEAST, MOST),
         tolerance="the scenarios that were measured; of 10 and 20 dB the figure above has the accuracy",
         sources=(DEEPSENSE,), measure=_top_1(SNR_DB),
     ),

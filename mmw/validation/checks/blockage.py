@@ -10,7 +10,7 @@ from mmw.channel import PathSolver
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 from mmw.validation.link_levels import add_ends, link_levels_db
 from mmw.validation.targets import ball, load_asset, load_target
 
@@ -86,9 +86,7 @@ def _body_row(number: int, measured_db: float, low: float, high: float) -> Check
         computed=f"shipped man of 1.79 m, {LINK_M:g} m link at {HEIGHT_M:g} m, he crosses in the middle in steps of "
         "25 mm; preset `standard`, coherent sum",
         unit="dB",
-        reference=measured_db,
-        low=low,
-        high=high,
+        reference=Reference(measured_db, low, high),
         tolerance="from the knife edge to the two cylinders, the models that the authors hold against their own value",
         sources=(WANG,),
         measure=_body(number, measured_db),
@@ -255,9 +253,7 @@ CHECKS = (
         title="Loss behind the edge of a sheet at 28 GHz, largest difference from P.526",
         computed="metal sheet 20 m from both ends, parameter -0.7 to 3; preset `standard` with free edges",
         unit="dB",
-        reference=0.0,
-        low=0.0,
-        high=0.5,
+        reference=Reference(0.0, 0.0, 0.5),
         tolerance="0.5 dB: the formula is an approximation (0.2 dB), and leaves out what the sheet is made of",
         sources=(P526,),
         measure=_knife_edge,
@@ -267,9 +263,7 @@ CHECKS = (
         title="Lobes above concrete ground at 28 GHz, largest difference from two rays",
         computed="antennas at 4 and 1.5 m, vertical, preset `standard`; coherent sum",
         unit="dB",
-        reference=0.0,
-        low=0.0,
-        high=0.1,
+        reference=Reference(0.0, 0.0, 0.1),
         tolerance="0.1 dB: 0.015 dB are gases of the air",
         sources=(P2040,),
         measure=_two_ray,
@@ -279,9 +273,7 @@ CHECKS = (
         title="Reflection at a metal post at 4.9 GHz, largest difference from the exact series",
         computed="radius 0.11 m, 12 sides, 30 and 24 m from the ends, preset `standard`",
         unit="dB",
-        reference=0.0,
-        low=0.0,
-        high=1.0,
+        reference=Reference(0.0, 0.0, 1.0),
         tolerance="1 dB: facets stand for the cylinder; up to an incidence of 42 degrees",
         sources=(BALANIS,),
         measure=_post,
@@ -291,9 +283,7 @@ CHECKS = (
         title="Loss through the crown of a tree of 5 m at 28 GHz",
         computed="sphere of foliage, preset `standard`, line of sight through its middle",
         unit="dB",
-        reference=5.8,
-        low=1.8,
-        high=9.8,
+        reference=Reference.plus_minus(5.8, 4.0),
         tolerance="4 dB: trees differ by as much. The simulator has this model, the row tests how crowns are traversed",
         sources=(WEISSBERGER,),
         measure=_crown(28e9, per_metre=False),
@@ -303,9 +293,7 @@ CHECKS = (
         title="Specific attenuation of foliage at 73 GHz",
         computed="the same crown at 73 GHz, per metre",
         unit="dB/m",
-        reference=0.4,
-        low=0.2,
-        high=0.8,
+        reference=Reference(0.4, 0.2, 0.8),
         tolerance="a factor 2: density of leaves",
         sources=(RAPPAPORT,),
         measure=_crown(73e9, per_metre=True),

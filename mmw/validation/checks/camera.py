@@ -8,7 +8,7 @@ import numpy as np
 
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.render.sky.sky import LUMINANCE, bake
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 IES = Source(
     "IES, Recommended practice for the calculation of daylight availability, J. Illum. Eng. Soc. 13, 1984",
@@ -89,9 +89,7 @@ CHECKS = (
         title="Illuminance by the sun at 45 degrees under a clear sky",
         computed="baked sky of the camera, visibility 20 km, no clouds; plane that faces the sun",
         unit="klx",
-        reference=_at(beam_klux),
-        low=0.8 * _at(beam_klux),
-        high=1.2 * _at(beam_klux),
+        reference=Reference.within_share(_at(beam_klux), 0.2),
         tolerance="20 %: haze of clear days",
         sources=(IES,),
         measure=_curve(lambda own: _daylight_klux(own, 0.0)[0], beam_klux, "sun, facing plane [klx]"),
@@ -101,9 +99,7 @@ CHECKS = (
         title="Sun to shade: level ground in the sun over level ground in the shade, sun at 45 degrees",
         computed="baked sky of the camera, visibility 20 km, no clouds; sun and sky over sky alone",
         unit="",
-        reference=_at(_ratio_model),
-        low=_at(_ratio_model) / 2.0,
-        high=_at(_ratio_model) * 2.0,
+        reference=Reference.within_factor(_at(_ratio_model), 2.0),
         tolerance="a factor 2, by which skies of one instant differ from the mean",
         sources=(IES, SPREAD),
         measure=_curve(_sun_to_shade, _ratio_model, "sun to shade"),
@@ -113,9 +109,7 @@ CHECKS = (
         title="Illuminance of level ground under a closed cover of clouds, sun at 45 degrees",
         computed="baked sky of the camera at cloudiness 1, without rain",
         unit="klx",
-        reference=_at(cloudy_sky_klux),
-        low=_at(cloudy_sky_klux) / 2.0,
-        high=_at(cloudy_sky_klux) * 2.0,
+        reference=Reference.within_factor(_at(cloudy_sky_klux), 2.0),
         tolerance="a factor 2, by which skies of one instant differ from the mean",
         sources=(IES, SPREAD),
         measure=_curve(lambda own: _daylight_klux(own, 1.0)[1], cloudy_sky_klux, "level ground [klx]"),

@@ -13,7 +13,7 @@ from mmw.sensors.gnss.config import Gnss
 from mmw.sensors.gnss.constellation import SLOT_NAMES, satellite_positions, seconds_since_slots
 from mmw.sensors.gnss.position_fix import dilution
 from mmw.validation.canyon import open_ground, urban_canyon
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 ICKING = Source(
     "Icking, Zhang, Hsu and Schön, Quantification of GNSS NLOS spatial correlation: a case study in Hong Kong's urban "
@@ -178,9 +178,7 @@ def _canyon_row(name: str, title: str, reference: float, *, is_high: bool) -> Ch
         "times of a day in Hong Kong; relative position by single differences of common satellites; the "
         f"{SHARE:.0%} of the pairs with the {name}est correlation",
         unit="m",
-        reference=reference,
-        low=reference / 2.0,
-        high=reference * 2.0,
+        reference=Reference.within_factor(reference, 2.0),
         tolerance="a factor 2: another street, GPS alone, and pairs by ranks where they chose two by hand",
         sources=(ICKING,),
         measure=lambda device: _measure_pairs(device, is_high=is_high),
@@ -195,9 +193,7 @@ CHECKS = (
         title="Horizontal error under open sky, 95 % of a day",
         computed="`mode: ray_traced` on level ground at 49 degrees north, 144 times of a day",
         unit="m",
-        reference=3.5,
-        low=1.75,
-        high=4.9,
+        reference=Reference(3.5, 1.75, 4.9),
         tolerance="from half of what receivers of good quality stay below, 3.5 m, to telephones, 4.9 m",
         sources=(SPS,),
         measure=_measure_open_sky,
@@ -207,9 +203,7 @@ CHECKS = (
         title="Vertical over horizontal dilution of precision, mean of a day",
         computed="the nominal constellation of 24 satellites above 5 degrees",
         unit="",
-        reference=1.474,
-        low=1.3,
-        high=1.65,
+        reference=Reference(1.474, 1.3, 1.65),
         tolerance="12 %: 24 nominal slots beside the satellites of 2008",
         sources=(MILBERT,),
         measure=_measure_dop_ratio,

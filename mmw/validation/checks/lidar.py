@@ -9,7 +9,7 @@ import numpy as np
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.fog_chamber import plates_in_fog
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 BIJELIC = Source(
     "Bijelic, Gruber and Ritter, A benchmark for lidar sensors in fog: is detection breaking down?, IV 2018",
@@ -102,9 +102,7 @@ def _chamber_row(reflectance: float, visibility_m: int, known_red: str = "") -> 
         title=f"Farthest plate of {100 * reflectance:g} % at {visibility_m} m of visibility",
         computed="`hdl64`, strongest return, plates 0.1 m apart; half of 200 rays return the plate",
         unit="m",
-        reference=reference,
-        low=(1.0 - TOLERANCE) * reference,
-        high=(1.0 + TOLERANCE) * reference,
+        reference=Reference.within_share(reference, TOLERANCE),
         tolerance="30 %: another sensor (VLP-32C, 903 nm), and a plate's rays in the chamber differ by as much",
         sources=(CEREMA,),
         measure=lambda device: Measurement(farthest_m(reflectance, float(visibility_m), device)),
@@ -136,9 +134,7 @@ CHECKS = (
         title="Farthest plate of 90 % at 40 to 50 m of visibility, HDL-64",
         computed="`hdl64`, strongest return, at 45 m; plates 0.1 m apart, half of 200 rays return the plate",
         unit="m",
-        reference=BIJELIC_M,
-        low=(1.0 - TOLERANCE) * BIJELIC_M,
-        high=(1.0 + TOLERANCE) * BIJELIC_M,
+        reference=Reference.within_share(BIJELIC_M, TOLERANCE),
         tolerance="30 %: the target's reflectance is not stated where the number is cited",
         sources=(BIJELIC,),
         measure=_bijelic,
@@ -156,9 +152,7 @@ CHECKS = (
         title="Visibility at which half of the rays on a plate of 90 % at 20 m return fog",
         computed="`hdl64`, strongest return, 2,000 rays at 26 to 51 m of visibility",
         unit="m",
-        reference=HALF_M,
-        low=(1.0 - TOLERANCE) * HALF_M,
-        high=(1.0 + TOLERANCE) * HALF_M,
+        reference=Reference.within_share(HALF_M, TOLERANCE),
         tolerance="30 %, as of the ranges",
         sources=(CEREMA,),
         measure=_echoes,
@@ -168,9 +162,7 @@ CHECKS = (
         title="Rays on a plate of 90 % at 20 m that return fog, at 40 m of visibility",
         computed="`hdl64`, strongest return, 2,000 rays",
         unit="%",
-        reference=100.0 * CHAMBER_ECHO_SHARE[40],
-        low=100.0 * (1.0 - TOLERANCE) * CHAMBER_ECHO_SHARE[40],
-        high=100.0 * (1.0 + TOLERANCE) * CHAMBER_ECHO_SHARE[40],
+        reference=Reference.within_share(100.0 * CHAMBER_ECHO_SHARE[40], TOLERANCE),
         tolerance="30 %, as of the ranges",
         sources=(CEREMA,),
         measure=lambda device: Measurement(100.0 * float(echo_shares(0.9, 20.0, np.array([40.0]), device)[0])),

@@ -11,7 +11,7 @@ from mmw.physics.materials.material import RadioMaterial
 from mmw.physics.materials.permittivity import relative_permittivity
 from mmw.usd.standard_materials import STANDARD
 from mmw.usd.standard_materials_docs import TR38901_DB, penetration_loss_db
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 TR38901 = Source(
     "3GPP TR 38.901", "tables 7.4.3-1 and 7.4.3-2 (spread)", "https://www.3gpp.org/dynareport/38901.htm", "other code"
@@ -51,9 +51,7 @@ def _tr38901_row(material: str, ghz: float, spread_db: float, known_red: str = "
         title=f"Loss through {name.partition(',')[0]} at {ghz:g} GHz",
         computed=f"`{material}` of the standard materials at normal incidence, both polarizations, 30 % of band",
         unit="dB",
-        reference=expected,
-        low=expected - spread_db,
-        high=expected + spread_db,
+        reference=Reference.plus_minus(expected, spread_db),
         tolerance=f"the standard deviation of buildings in that model, {spread_db:g} dB",
         sources=(TR38901,),
         measure=_penetration(material, 1e9 * ghz),
@@ -78,9 +76,7 @@ def _zhao_row(
         title=f"Reflection of {title} at 28 GHz",
         computed=f"{computed}; |Gamma| at {ZHAO_DEG:g} degrees, electric field along the surface",
         unit="",
-        reference=reference,
-        low=reference - 0.15,
-        high=min(reference + 0.15, 1.0),
+        reference=Reference(reference, reference - 0.15, min(reference + 0.15, 1.0)),
         tolerance="1.5 dB of a strong reflection: panes of one kind differ by as much",
         sources=(ZHAO,),
         measure=_reflection(radio, 28e9, ZHAO_DEG),
@@ -126,9 +122,7 @@ CHECKS = (
         title="Attenuation in clear glass at 144 GHz",
         computed="row `itu_glass` of P.2040, extrapolated beyond its 100 GHz",
         unit="dB/cm",
-        reference=27.633,
-        low=27.633 / 2.0,
-        high=27.633 * 2.0,
+        reference=Reference.within_factor(27.633, 2.0),
         tolerance="a factor 2: the loss of soda-lime glasses differs by as much, and the row ends at 100 GHz",
         sources=(DU,),
         measure=lambda device: Measurement(attenuation_db_per_cm("glass", 144e9)),
@@ -140,9 +134,7 @@ CHECKS = (
         title="Attenuation in common materials at 73 GHz, the largest",
         computed="rows glass, wood, chipboard and plasterboard of P.2040",
         unit="dB/cm",
-        reference=9.9,
-        low=0.8,
-        high=9.9,
+        reference=Reference(9.9, 0.8, 9.9),
         tolerance="the measured range of 21 places and six materials, co-polarized",
         sources=(RYAN,),
         measure=_range_at_73ghz,

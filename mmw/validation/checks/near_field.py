@@ -10,7 +10,7 @@ from mmw.channel.path_table import CarrierPaths
 from mmw.channel.scene_paths import Paths
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.dataset.beams import plain_paths
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 FS1037 = Source(
     "Federal Standard 1037C, Glossary of telecommunication terms", "far-field region, note 1",
@@ -126,9 +126,7 @@ CHECKS = (
         computed="largest phase between plane and spherical waves of `apply_arrays` ahead of the array, 2 D^2 / lambda "
         "away",
         unit="deg",
-        reference=22.5,
-        low=22.4,
-        high=22.6,
+        reference=Reference.plus_minus(22.5, 0.1),
         tolerance="the definition is exact but for terms of higher order, 1e-5 here",
         sources=(FS1037, KNOTT),
         measure=_fraunhofer,
@@ -139,9 +137,7 @@ CHECKS = (
         computed="`apply_arrays` of paths between phase centers in town03 against a trace of every pair of elements, 9 "
         "in the aperture of 1 x 256 and 3 in that of 1 x 16, at 28 GHz; largest difference where both meet one plane",
         unit="rad",
-        reference=0.0,
-        low=0.0,
-        high=1e-6,
+        reference=Reference(0.0, 0.0, 1e-6),
         tolerance="cosines are float32, right to 3e-7",
         sources=(BALANIS,),
         measure=_traced,

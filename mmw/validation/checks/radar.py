@@ -10,7 +10,7 @@ import numpy as np
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.scene import Scene
 from mmw.sensors import Radar, radar_cross_section, smooth_cross_section
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 from mmw.validation.targets import Mesh, ball, dihedral, load_asset, load_target, plate, trihedral
 
 TR38901 = Source(
@@ -260,7 +260,7 @@ def _reflector(
     return Check(
         name=f"radar.{name}", title=f"{title}, worst of 10, 28 and 76.5 GHz, over its closed form",
         computed=f"`smooth_cross_section` of a target of {TARGET_M:g} m with {bounces} bounces, along its axis",
-        unit="dB", reference=0.0, low=-1.0, high=1.0, sources=(RUCK,),
+        unit="dB", reference=Reference.plus_minus(0.0, 1.0), sources=(RUCK,),
         tolerance="targets of 5 wavelengths and more; single echoes of the same target interfere with 0.7 dB at 5 "
         "wavelengths, and edges are rounded to 1/8 wavelength",
         measure=_smooth(mesh, azimuth, elevation, bounces, factor),
@@ -271,20 +271,20 @@ CHECKS = (
     Check(
         name="radar.vehicle_mean", title="RCS of cars at 28 GHz, mean over azimuth",
         computed="`radar_cross_section` of sedan, hatchback and SUV, every 5 degrees, seen level", unit="dBsm",
-        reference=11.25, low=11.25 - 3.41, high=11.25 + 3.41, tolerance="sigma_S of the standard, 3.41 dB",
+        reference=Reference.plus_minus(11.25, 3.41), tolerance="sigma_S of the standard, 3.41 dB",
         sources=(TR38901,), measure=_vehicles,
     ),
     Check(
         name="radar.vehicle_broadside", title="RCS of cars at 28 GHz, broadside over front",
         computed="`radar_cross_section` of sedan, hatchback and SUV, mean of their differences", unit="dB",
-        reference=20.75 - 15.52, low=3.0, high=20.75 - 15.52 + 3.41,
+        reference=Reference(20.75 - 15.52, 3.0, 20.75 - 15.52 + 3.41),
         tolerance="at least 3 dB, so that sides are brighter; at most sigma_S more than the peaks of the standard",
         sources=(TR38901,), measure=_broadside,
     ),
     Check(
         name="radar.vehicle_peak", title="RCS of cars at 28 GHz, peak",
         computed="largest of 72 aspects of sedan, hatchback and SUV, mean in decibels", unit="dBsm",
-        reference=20.75, low=20.75 - 3.41, high=20.75 + 3.41, tolerance="sigma_S of the standard, 3.41 dB",
+        reference=Reference.plus_minus(20.75, 3.41), tolerance="sigma_S of the standard, 3.41 dB",
         sources=(TR38901,), measure=_peak,
         known_red="painted metal has a slope of 0.25, which stands for seams, handles and cavities that the meshes "
         "leave out, and spreads the flash of flat sides over 14 degrees; a smaller slope beside corners in the meshes, "
@@ -293,26 +293,26 @@ CHECKS = (
     Check(
         name="radar.person_28ghz", title="RCS of people at 28 GHz, mean over azimuth",
         computed="`radar_cross_section` of man and woman, every 5 degrees, seen level", unit="dBsm",
-        reference=-1.37, low=-1.37 - 3.94, high=-1.37 + 3.94, tolerance="sigma_S of the standard, 3.94 dB",
+        reference=Reference.plus_minus(-1.37, 3.94), tolerance="sigma_S of the standard, 3.94 dB",
         sources=(TR38901,), measure=_people,
     ),
     Check(
         name="radar.person_smooth_10ghz", title="RCS of a man at 10 GHz as smooth skin, mean over azimuth",
         computed="`smooth_cross_section`, shooting and bouncing rays with phases, 60 aspects", unit="dBsm",
-        reference=-1.37, low=-1.37 - 3.94, high=-1.37 + 3.94, tolerance="sigma_S of the standard, 3.94 dB",
+        reference=Reference.plus_minus(-1.37, 3.94), tolerance="sigma_S of the standard, 3.94 dB",
         sources=(TR38901,), measure=_smooth_people,
     ),
     Check(
         name="radar.person_77ghz", title="RCS of people at 77 GHz, mean over azimuth",
         computed="`radar_cross_section` of man and woman at 76.5 GHz, every 5 degrees, seen level", unit="dBsm",
-        reference=-8.1, low=-8.1 - 3.94, high=-8.1 + 3.94,
+        reference=Reference.plus_minus(-8.1, 3.94),
         tolerance="the spread of people and poses in TR 38.901, sigma_S = 3.94 dB", sources=(JRC, TR38901),
         measure=_person(76.5e9),
     ),
     Check(
         name="radar.person_24ghz", title="RCS of people at 24 GHz, mean over azimuth",
         computed="`radar_cross_section` of man and woman, every 5 degrees, seen level", unit="dBsm",
-        reference=-11.5, low=-11.5 - 3.94, high=-11.5 + 3.94,
+        reference=Reference.plus_minus(-11.5, 3.94),
         tolerance="the spread of people and poses in TR 38.901, sigma_S = 3.94 dB", sources=(JRC, TR38901),
         measure=_person(24e9),
         known_red="the sources disagree by 10 dB: 3GPP has -1.37 dBsm for all bands, and the abstract of EUR 25762 "
@@ -322,13 +322,13 @@ CHECKS = (
     Check(
         name="radar.person_bistatic", title="RCS of a man at a right angle of both ends, over monostatic",
         computed="`smooth_cross_section` at 4.9 GHz, mean over 24 aspects, first hits", unit="dB",
-        reference=SIDEWAYS_DB, low=SIDEWAYS_DB - 3.94, high=SIDEWAYS_DB + 3.94,
+        reference=Reference.plus_minus(SIDEWAYS_DB, 3.94),
         tolerance="sigma_S of the standard, 3.94 dB", sources=(TR38901_BISTATIC,), measure=_bistatic,
     ),
     Check(
         name="radar.drone", title="RCS of a small drone at 28 GHz, mean over azimuth",
         computed="`radar_cross_section` of the shipped quadrotor, every 5 degrees, seen level", unit="dBsm",
-        reference=-12.81, low=-12.81 - 3.74, high=-12.81 + 3.74, tolerance="sigma_S of the standard, 3.74 dB",
+        reference=Reference.plus_minus(-12.81, 3.74), tolerance="sigma_S of the standard, 3.74 dB",
         sources=(TR38901,), measure=lambda device: _mean("drones", ("quadrotor",), 28e9, device),
     ),
     _reflector("plate", "RCS of a plate", plate(TARGET_M), 0.0, 0.0, 1, 4.0 * np.pi),
@@ -340,13 +340,13 @@ CHECKS = (
     Check(
         name="radar.ball", title="RCS of a metal ball by the radar's rays, over pi r^2",
         computed=f"`radar_cross_section` of a steel ball of {TARGET_M:g} m at 76.5 GHz from three sides", unit="dB",
-        reference=0.0, low=-0.5, high=0.5, tolerance="the roughness of steel adds 0.17 dB, and 100 radii of distance "
-        "take 0.09 dB", sources=(RUCK,), measure=_ball,
+        reference=Reference.plus_minus(0.0, 0.5), sources=(RUCK,), measure=_ball,
+        tolerance="the roughness of steel adds 0.17 dB, and 100 radii of distance take 0.09 dB",
     ),
     Check(
         name="radar.trihedral_by_radar", title="RCS of a corner reflector by the radar's rays, over its closed form",
         computed=f"`radar_cross_section` of a steel corner of {TARGET_M:g} m at 76.5 GHz along its axis", unit="dB",
-        reference=0.0, low=-1.0, high=1.0, tolerance="as for the other corner reflectors", sources=(RUCK,),
+        reference=Reference.plus_minus(0.0, 1.0), tolerance="as for the other corner reflectors", sources=(RUCK,),
         measure=_single_bounces,
         known_red="echoes of the radar bounce once, and by `multipath: full` once more in a mirror. Tubes of three "
         "bounces on smooth metal, as `smooth_cross_section` has them, would mend it",
@@ -354,7 +354,7 @@ CHECKS = (
     Check(
         name="radar.range_10dbsm", title="Range at which half of the samples detect 10 dBsm",
         computed=f"detections of `Radar()` of a ball of 10 dBsm, {DRAWS} samples at each of 15 distances", unit="m",
-        reference=150.0, low=0.8 * 150.0, high=1.2 * 150.0,
+        reference=Reference.within_share(150.0, 0.2),
         tolerance="20 %, which is 3.2 dB of the link budget: boards, temperatures and patterns differ by as much",
         sources=(TI_IMAGING,), measure=_car_range,
         known_red="`reference_snr_db` of 15 dB at 100 m is a design value, for samples of 10 ms that no tracker adds "
@@ -364,7 +364,7 @@ CHECKS = (
     Check(
         name="radar.range_ratio", title="Range of cars over range of people",
         computed="fourth root of the ratio of mean cross sections of sedan and man at 76.5 GHz", unit="",
-        reference=80.0 / 30.0, low=0.75 * 80.0 / 30.0, high=1.25 * 80.0 / 30.0,
+        reference=Reference.within_share(80.0 / 30.0, 0.25),
         tolerance="25 %, which is 3.9 dB between the two cross sections: sigma_S of people in TR 38.901",
         sources=(TI_SHORT, TI_PEOPLE), measure=_range_ratio,
     ),

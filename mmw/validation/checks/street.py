@@ -8,7 +8,7 @@ import numpy as np
 from mmw.channel.tr38901 import LogNormal, StreetCanyon, street_canyon
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.validation.blocked_links import REACH_M, STEP_M, blocked_links
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 from mmw.validation.link_losses import Model, describe_difference, draw_losses, over_scenarios
 from mmw.validation.town_links import CARS, RAYS, SHORT, TownLinks, all_scenarios, town_links
 
@@ -132,9 +132,7 @@ def _p1411_row(ghz: float, is_long: bool = False) -> Check:
         title=f"Loss in street canyons at {ghz:g} GHz with line of sight, over P.1411" + (", all" if is_long else ""),
         computed=f"{FULL_SAMPLE if is_long else SAMPLE}; mean difference from the median of the recommendation",
         unit="dB",
-        reference=0.0,
-        low=-2.0,
-        high=2.0,
+        reference=Reference.plus_minus(0.0, 2.0),
         tolerance="2 dB of the mean: streets differ by 5.06 dB (sigma of the recommendation)",
         sources=(P1411,),
         measure=_residual(1e9 * ghz, lambda d: p1411_loss_db(d, 1e9 * ghz, LOS), all_scenarios if is_long else _short),
@@ -172,9 +170,7 @@ def _delay_row(ghz: float, is_long: bool = False) -> Check:
         title=f"Delay spread at {ghz:g} GHz with line of sight, median" + (", all" if is_long else ""),
         computed=f"{FULL_SAMPLE if is_long else SAMPLE}; RMS over all paths within 40 dB",
         unit="ns",
-        reference=reference,
-        low=reference / 2.0,
-        high=reference * 2.0,
+        reference=Reference.within_factor(reference, 2.0),
         tolerance="a factor 2: the model's own decile is 3 times its median",
         sources=(TR38901,),
         measure=_spread(
@@ -196,9 +192,7 @@ def _azimuth_row(end: str, title: str, known_red: str = "", sources: tuple[Sourc
         title=f"Azimuth spread of {title} at 28 GHz with line of sight, median",
         computed=SAMPLE,
         unit="deg",
-        reference=middle,
-        low=middle / spread,
-        high=middle * spread,
+        reference=Reference.within_factor(middle, spread),
         tolerance=f"the standard deviation of the model, a factor {spread:.2g}",
         sources=sources,
         measure=_spread(f"azimuth_{end}_deg", 1.0, of, f"azimuth spread of {title} [deg]", 28e9),
@@ -223,9 +217,7 @@ def _k_row(ghz: float) -> Check:
         computed=f"{SAMPLE}; what comes within 2 ns of the line of sight counts with it, as in a sounder of 500 MHz: "
         "the reflection at the ground is 1 ns later",
         unit="dB",
-        reference=9.0,
-        low=4.0,
-        high=14.0,
+        reference=Reference.plus_minus(9.0, 5.0),
         tolerance="the standard deviation of the model, 5 dB",
         sources=(TR38901,),
         measure=_k_factor(1e9 * ghz),
@@ -240,9 +232,7 @@ CHECKS = (
         title="Loss in street canyons at 28 GHz with line of sight, over TR 38.901 UMi",
         computed=f"{SAMPLE}; mean difference from the model",
         unit="dB",
-        reference=0.0,
-        low=-UMI_SIGMA_DB,
-        high=UMI_SIGMA_DB,
+        reference=Reference.plus_minus(0.0, UMI_SIGMA_DB),
         tolerance="the standard deviation of the model, 4 dB; P.1411 and TR 38.901 differ by 1.3 dB at 40 m",
         sources=(TR38901_LOSS,),
         measure=_residual(28e9, lambda d: umi_loss_db(d, 28e9), _short),
@@ -266,9 +256,7 @@ CHECKS = (
         computed=f"RSUs of {', '.join(CORNERS)}, no traffic, receivers every {STEP_M:g} m of the lanes within "
         f"{REACH_M[0]:g} to {REACH_M[1]:g} m behind buildings, preset `standard`; mean difference from the median",
         unit="dB",
-        reference=0.0,
-        low=-NLOS_SPREAD_DB,
-        high=NLOS_SPREAD_DB,
+        reference=Reference.plus_minus(0.0, NLOS_SPREAD_DB),
         tolerance="6 dB of the mean: streets differ by 7.6 dB (sigma of the recommendation)",
         sources=(P1411,),
         measure=_around_corners,

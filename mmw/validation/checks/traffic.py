@@ -18,7 +18,7 @@ from mmw.traffic.roads.town_asset import Town, open_town
 from mmw.traffic.signals import make_plans
 from mmw.traffic.spawn import DRIVER_FACTOR, DRIVER_HEADWAY, SpawnPoint, Start, seeded
 from mmw.usd.vehicle_catalog import load_catalog
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 
 HCM_SATURATION = Source(
     "Highway Capacity Manual, 6th edition",
@@ -178,9 +178,7 @@ CHECKS = (
         title="Saturation headway at a traffic light",
         computed="IDM engine, queue of 16 sedans in town10, four seeds, greens of 12 s: from the fifth vehicle on",
         unit="s",
-        reference=3600.0 / 1900.0,
-        low=1.6,
-        high=2.2,
+        reference=Reference(3600.0 / 1900.0, 1.6, 2.2),
         tolerance="0.3 s: flows of 1,640 to 2,250 an hour, as cities differ",
         sources=(HCM_SATURATION,),
         measure=_saturation,
@@ -193,9 +191,7 @@ CHECKS = (
         title="Follow-up headway at a roundabout",
         computed="IDM engine, six sedans at each lane of the southern entry in town03, empty ring, four seeds; median",
         unit="s",
-        reference=3.2,
-        low=2.6,
-        high=3.7,
+        reference=Reference(3.2, 2.6, 3.7),
         tolerance="0.5 s around the measured 2.6 to 3.2 s of roundabouts of one and two lanes",
         sources=(NCHRP, KHCM),
         measure=_follow_up,
@@ -209,9 +205,7 @@ CHECKS = (
         title="Length of queue a vehicle at a red light",
         computed="IDM engine, queues of 16 vehicles of all models in town10, four seeds",
         unit="m",
-        reference=7.6,
-        low=6.6,
-        high=8.6,
+        reference=Reference.plus_minus(7.6, 1.0),
         tolerance="1 m: the mix of models",
         sources=(STORAGE,),
         measure=_spacing,

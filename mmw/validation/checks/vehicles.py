@@ -10,7 +10,7 @@ import numpy as np
 from mmw.channel import PathSolver
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.materials.material import RadioMaterial
-from mmw.validation.check import Check, Measurement, Source
+from mmw.validation.check import Check, Measurement, Reference, Source
 from mmw.validation.link_levels import add_ends
 from mmw.validation.link_losses import describe_difference, draw_losses, over_scenarios
 from mmw.validation.targets import load_asset
@@ -60,9 +60,7 @@ def _los_row(ghz: float) -> Check:
         computed=f"the first of {CARS} cars to the others in each of {', '.join(SHORT)}, first frame, antennas at "
         f"2.5 m, isotropic, preset `standard`, {RAYS:,} rays, each scenario counts once; mean difference",
         unit="dB",
-        reference=0.0,
-        low=-LOS_SIGMA_DB,
-        high=LOS_SIGMA_DB,
+        reference=Reference.plus_minus(0.0, LOS_SIGMA_DB),
         tolerance="the standard deviation of the model, 3 dB",
         sources=(TR37885_LOSS,),
         measure=_los(1e9 * ghz),
@@ -124,9 +122,7 @@ def _past_row(model: str, what: str, known_red: str = "") -> Check:
         computed=f"shipped `{model}` on a concrete road, antennas at {ANTENNA_M:g} m, 12 to 25 m ahead of it and "
         "behind; preset `standard`, powers add",
         unit="dB",
-        reference=0.0 if is_below else BLOCKED_DB,
-        low=-3.0 if is_below else BLOCKED_DB - BLOCKED_SIGMA_DB,
-        high=3.0 if is_below else BLOCKED_DB + BLOCKED_SIGMA_DB,
+        reference=Reference.plus_minus(0.0, 3.0) if is_below else Reference.plus_minus(BLOCKED_DB, BLOCKED_SIGMA_DB),
         tolerance="the ground's reflection, at most 3 dB"
         if is_below
         else "the standard deviation of the model, 4.5 dB",
