@@ -98,7 +98,7 @@ class TrafficConfig(Section):
         "numbered after those of `vru_ranks` (rank)",
     )
     trajectories: InputPath | None = Field(
-        default=None, description="engine replay: Parquet, CSV or SUMO FCD table of who is where when (path)"
+        default=None, description="engine replay: Parquet, CSV, SUMO FCD or CommonRoad file of who is where when (path)"
     )
     cav_ids: tuple[str, ...] = Field(
         default=(), description="engine replay: ids of the vehicles that become CAVs; by `cav_ranks` if empty (names)"

@@ -1,6 +1,7 @@
-"""Throw hostile input at mmw: `python -m tests.fuzz [--kind maps] [--count 1000] [--seed 0]`."""
+"""Throw hostile input at mmw: `python -m tests.fuzz [--kind maps] [--count 1000] [--seed 0] [--from FOLDER]`."""
 
 import argparse
+import os
 import sys
 import tempfile
 from collections import defaultdict
@@ -8,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tests.fuzz.kinds import KINDS
+from tests.fuzz.map_excerpts import FOLDER
 from tests.fuzz.runner import Fault, run, save
 
 
@@ -20,7 +22,10 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
     parser.add_argument("--jobs", type=int, default=2, help="processes at a time")
     parser.add_argument("--out", type=Path, help="folder for faulty inputs; a new temporary one by default")
+    parser.add_argument("--from", dest="folder", type=Path, help="folder of .xodr and .osm files, for half of the maps")
     arguments = parser.parse_args()
+    if arguments.folder:
+        os.environ[FOLDER] = str(arguments.folder.resolve())
     kinds = arguments.kind or list(KINDS)
     size = max(1, min(250, -(-arguments.count // arguments.jobs)))
     stop = arguments.first + arguments.count

@@ -14,6 +14,7 @@ from tests.fixtures.import_files import GROUND, HOUSE, write_glb, write_mitsuba,
 from tests.fixtures.osm_files import quarter
 from tests.fixtures.xodr_files import Plan, document, rise, road, street, t_town
 from tests.fuzz.cases import Step, command
+from tests.fuzz.map_excerpts import foreign_files
 from tests.fuzz.mutations import NUMBERS, mutate_bytes, mutate_text, mutate_tree
 
 MATERIALS = '"*": itu_concrete\n'
@@ -45,16 +46,18 @@ class Maps:
         for name, data in trimesh.Scene(house).export(file_type="gltf").items():
             (folder / ("world.gltf" if name == "model.gltf" else name)).write_bytes(data)
         self.buffers = [path.name for path in folder.glob("*.bin")]
+        self.foreign = foreign_files(folder)
 
     def make(self, rng: random.Random, folder: Path) -> list[Step]:
-        name = rng.choice(list(_MUTATIONS))
+        foreign = bool(self.foreign) and rng.random() < 0.5
+        name = rng.choice(self.foreign if foreign else list(_MUTATIONS))
         source = self.folder / name
         path = folder / source.name
         if source.parent != self.folder:
             shutil.copytree(source.parent, folder, dirs_exist_ok=True)
         for extra in (*self.buffers, "world.mtl"):
             shutil.copy(self.folder / extra, folder)
-        path.write_bytes(rng.choice(_MUTATIONS[name])(rng, source.read_bytes()))
+        path.write_bytes(rng.choice(_XML if foreign else _MUTATIONS[name])(rng, source.read_bytes()))
         if name == "mitsuba/scene.xml" and rng.random() < 0.3:
             mesh = folder / "meshes" / "house.ply"
             mesh.write_bytes(mutate_bytes(rng, mesh.read_bytes()))

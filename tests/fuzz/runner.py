@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tests.fuzz.kinds import make_kind
+from tests.fuzz.map_excerpts import FOLDER
 
 if TYPE_CHECKING:
     from tests.fuzz.cases import Kind
@@ -180,5 +181,6 @@ def save(fault: Fault, folder: Path) -> Path:
     finally:
         os.chdir(here)
     repeat = f"python -m tests.fuzz --kind {fault.kind} --seed {fault.seed} --first {fault.number} --count 1"
+    repeat += f" --from {os.environ[FOLDER]}" if FOLDER in os.environ else ""
     (place / "FAULT.txt").write_text(f"{repeat}\n{fault.step}\n\n{fault.what}\n")
     return place

@@ -1,10 +1,9 @@
-"""Read tables of vehicle positions over time: Parquet, CSV and SUMO's floating-car data."""
+"""Read tables of positions over time: Parquet and CSV, also of datasets, SUMO's floating-car data and CommonRoad."""
 
-import gzip
-import io
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,24 +13,38 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from mmw.core.errors import InputError
+from mmw.traffic.replay.object_classes import vehicle_class
+from mmw.traffic.replay.xml_tables import open_packed, read_xml_table
 
 REFERENCES = ("front_bumper", "front_axle", "center", "rear_axle")
 """Points of a vehicle that a table may give: `center` is the middle of the body."""
 
 ALIASES: Mapping[str, tuple[str, ...]] = {
-    "t": ("t", "time", "timestep_time"),
-    "id": ("id", "vehicle_id"),
-    "x": ("x", "vehicle_x"),
-    "y": ("y", "vehicle_y"),
+    "t": ("t", "time", "timestep_time", "timestamp", "timestamp_s", "timestamp_ms", "timestamp_us", "timestamp_micros",
+          "timestamp_ns", "timestep"),
+    "id": ("id", "vehicle_id", "track_id", "object_id", "instance_token"),
+    "x": ("x", "vehicle_x", "position_x", "center_x"),
+    "y": ("y", "vehicle_y", "position_y", "center_y"),
     "z": ("z", "vehicle_z"),
-    "heading": ("heading", "yaw"),
+    "heading": ("heading", "yaw", "psi_rad"),
     "heading_deg": ("heading_deg", "yaw_deg"),
     "angle": ("vehicle_angle",),
-    "type": ("type", "vehicle_type"),
+    "type": ("type", "vehicle_type", "class", "category", "object_type", "agent_type", "category_name"),
     "length": ("length",),
+    "width": ("width",),
     "reference": ("reference",),
-}
-"""Our name of a column -> the names that files use. Those with `vehicle_` are what SUMO writes."""
+}  # fmt: skip
+"""Our name of a column -> the names that files use. Those with `vehicle_` are what SUMO writes; others are those of
+Argoverse 1 and 2, INTERACTION, Waymo and nuScenes. `center_z` is no road height."""
+
+SECONDS = {
+    "timestamp_ms": 1e-3, "timestamp_us": 1e-6, "timestamp_micros": 1e-6, "timestamp_ns": 1e-9, "timestep": 0.1,
+}  # fmt: skip
+"""Name of a column of times -> its unit [s]; a `timestep` is that of Argoverse 2, which has ten in a second."""
+
+EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
+"""A `timestamp` of at least this many units since 1970 has this unit [s]: in seconds 1e11 is the year 5138, in
+milliseconds it is 1973. nuScenes has microseconds."""
 
 NEEDED = ("t", "id", "x", "y")
 
@@ -53,16 +66,28 @@ class Trajectory:
     """Type of the vehicle in the table; empty if it has none."""
     length: float = 0.0
     """Bumper to bumper [m]; 0 if the table does not say."""
+    width: float = 0.0
+    """From side to side [m]; 0 if the table does not say."""
     reference: str = "center"
     """One of `REFERENCES`."""
 
 
-def read_trajectories(path: Path) -> list[Trajectory]:
-    """Return the vehicles of a file, sorted by id.
+@dataclass(frozen=True)
+class Recording:
+    """Vehicles of a file."""
+
+    vehicles: list[Trajectory]
+    """Sorted by id."""
+    notes: tuple[str, ...] = ()
+    """Omissions, one line each."""
+
+
+def read_trajectories(path: Path) -> Recording:
+    """Return the vehicles of a file; people, cyclists and all else without a vehicle model are left out.
 
     Args:
-        path: `.parquet`, `.csv` (comma or semicolon), or `.xml` as SUMO's option `--fcd-output` writes it; `.csv` and
-            `.xml` may be compressed (`.gz`).
+        path: `.parquet`, `.csv` (comma or semicolon), or `.xml`: what SUMO's option `--fcd-output` writes, or a
+            CommonRoad scenario; `.csv` and `.xml` may be compressed (`.gz`).
 
     Raises:
         InputError: If the file cannot be read, lacks a column, or holds a value that cannot be used.
@@ -75,16 +100,25 @@ def read_trajectories(path: Path) -> list[Trajectory]:
         elif kind == ".csv":
             table = _read_csv(path)
         elif kind == ".xml":
-            table = _read_fcd(path)
+            table = read_xml_table(path)
         else:
             raise InputError(f"{path}: is no .parquet, .csv or .xml file; give one of them")
     except (pa.ArrowException, OSError, EOFError, ElementTree.ParseError) as error:
         raise InputError(f"{path}: cannot be read ({str(error).splitlines()[0]}); give an intact file") from None
-    return _split(_columns(table, path), path)
+    vehicles, left_out = [], Counter()
+    for each in _split(_columns(table, path), path):
+        name = vehicle_class(each.type)
+        if name is None:
+            left_out[each.type] += 1
+        else:
+            vehicles.append(replace(each, type=name))
+    named = ", ".join(f"{count} {name}" for name, count in sorted(left_out.items()))
+    notes = [f"{path.name}: left out, for they are no vehicles with a model: {named}"] if named else []
+    return Recording(vehicles, tuple(notes))
 
 
 def _read_csv(path: Path) -> pa.Table:
-    with _open(path) as file:
+    with open_packed(path) as file:
         delimiter = ";" if b";" in file.readline() else ","
     text = {name: pa.string() for key in ("id", "type", "reference") for name in ALIASES[key]}
     return pyarrow.csv.read_csv(
@@ -94,28 +128,6 @@ def _read_csv(path: Path) -> pa.Table:
     )
 
 
-def _open(path: Path) -> gzip.GzipFile | io.BufferedReader:
-    return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
-
-
-def _read_fcd(path: Path) -> pa.Table:
-    """Return SUMO's floating-car data as its own columns; people and containers are left out."""
-    names = ("id", "x", "y", "z", "angle", "type")
-    rows: dict[str, list] = {name: [] for name in ("timestep_time", *(f"vehicle_{name}" for name in names))}
-    with _open(path) as file:
-        now = None
-        for event, element in ElementTree.iterparse(file, events=("start", "end")):
-            if event == "start" and element.tag == "timestep":
-                now = element.get("time")
-            elif event == "end" and element.tag == "vehicle":
-                rows["timestep_time"].append(now)
-                for name in names:
-                    rows[f"vehicle_{name}"].append(element.get(name))
-            elif event == "end" and element.tag == "timestep":
-                element.clear()
-    return pa.table({name: pa.array(values, pa.string()) for name, values in rows.items()})
-
-
 def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
     """Return the columns by our names: numbers as float64, texts as objects; those that are not there are left out."""
     names = {name.strip().lower(): name for name in table.column_names}
@@ -123,7 +135,7 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
     missing = [key for key in NEEDED if found[key] is None]
     if missing:
         raise InputError(
-            f"{path}: no column {' or '.join(ALIASES[missing[0]])}; t, id, x and y are needed; the file has "
+            f"{path}: no column {', '.join(ALIASES[missing[0]])}; one each for t, id, x and y is needed; the file has "
             f"{', '.join(table.column_names) or 'none'}"
         )
     if not table.num_rows:
@@ -137,7 +149,7 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
             out[key] = np.array(pc.fill_null(pc.cast(column, pa.string()), "").to_pylist(), dtype=object)
             continue
         try:
-            values = pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False)
+            values = _seconds(column, name) if key == "t" else _numbers(column)
         except pa.ArrowException as error:
             raise InputError(f"{path}: column {name}: {error}; numbers are needed; correct them") from None
         bad = np.flatnonzero(~np.isfinite(values))
@@ -152,6 +164,25 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
     if found["x"] == names.get("vehicle_x") and "reference" not in out:
         out["reference"] = np.full(len(out["t"]), "front_bumper", dtype=object)
     return out
+
+
+def _numbers(column: pa.Array) -> np.ndarray:
+    return pc.cast(column, pa.float64()).to_numpy(zero_copy_only=False)
+
+
+def _seconds(column: pa.Array, name: str) -> np.ndarray:
+    """Return a column of times [s], those of whole numbers from its smallest one: nanoseconds need all their digits."""
+    name, unit = name.strip().lower(), 1.0
+    if pa.types.is_timestamp(column.type):
+        column, unit = pc.cast(pc.cast(column, pa.timestamp("ns", column.type.tz)), pa.int64()), 1e-9
+    elif name in SECONDS:
+        unit = SECONDS[name]
+    elif name == "timestamp":
+        first = pc.min(pc.cast(column, pa.float64())).as_py() or 0.0
+        unit = next((size for least, size in EPOCHS if first >= least), 1.0)
+    if pa.types.is_integer(column.type):
+        column = pc.subtract(column, pc.min(column))
+    return unit * _numbers(column)
 
 
 def _split(columns: dict[str, np.ndarray], path: Path) -> list[Trajectory]:
@@ -172,7 +203,7 @@ def _split(columns: dict[str, np.ndarray], path: Path) -> list[Trajectory]:
             raise InputError(
                 f"{path}: vehicle {name!r}: reference = {reference!r}; one of {', '.join(REFERENCES)} is needed"
             )
-        length = columns["length"][rows[0]] if "length" in columns else 0.0
+        length, width = (columns[key][rows[0]] if key in columns else np.nan for key in ("length", "width"))
         out.append(
             Trajectory(
                 id=name,
@@ -182,6 +213,7 @@ def _split(columns: dict[str, np.ndarray], path: Path) -> list[Trajectory]:
                 heading=np.unwrap(heading) if heading is not None and np.isfinite(heading).all() else None,
                 type=str(columns["type"][rows[0]]) if "type" in columns else "",
                 length=float(length) if np.isfinite(length) else 0.0,
+                width=float(width) if np.isfinite(width) else 0.0,
                 reference=reference,
             )
         )

@@ -230,7 +230,7 @@ def test_formats_agree(tmp_path: Path):
     )
     table = pyarrow.csv.read_csv(tmp_path / "own.csv")
     pyarrow.parquet.write_table(table, tmp_path / "own.parquet")
-    found = {name: read_trajectories(tmp_path / name) for name in
+    found = {name: read_trajectories(tmp_path / name).vehicles for name in
              ("fcd.xml", "fcd.xml.gz", "fcd.csv", "own.csv", "own.parquet")}  # fmt: skip
     for name, (a, b) in found.items():
         assert (a.id, b.id, a.type, b.type) == ("a", "b", "sedan", "lorry"), name
@@ -249,7 +249,9 @@ def test_bad_tables_are_refused(tmp_path: Path):
         with pytest.raises(ValueError, match=match):
             read_trajectories(tmp_path / name)
 
-    refused("t,id,x\n0,a,1\n", r"t.csv: no column y or vehicle_y; .* the file has t, id, x")
+    refused(
+        "t,id,x\n0,a,1\n", r"t.csv: no column y, vehicle_y, position_y, center_y; one each .* the file has t, id, x"
+    )
     refused("t,id,x,y\n", r"holds no row")
     refused("t,id,x,y\n0,a,1,2\n1,a,,2\n", r"column x: row 2 holds no number")
     refused("t,id,x,y\n0,a,one,2\n", r"column x: .*numbers are needed")
@@ -259,6 +261,7 @@ def test_bad_tables_are_refused(tmp_path: Path):
     refused("nonsense", r"is no .parquet, .csv or .xml file", "t.txt")
     refused("nonsense", r"cannot be read", "t.parquet")
     refused("<fcd-export><timestep time='0'>", r"cannot be read", "t.xml")
+    refused("<scene/>", r"t.xml: root element <scene>; <fcd-export> .* or <commonRoad> .* is needed", "t.xml")
 
 
 def test_models_by_type_and_length():

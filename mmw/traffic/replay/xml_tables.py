@@ -1,0 +1,106 @@
+"""Read recorded motion from XML as a table: SUMO's floating-car data, and obstacles of CommonRoad scenarios."""
+
+import gzip
+import io
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pyarrow as pa
+
+from mmw.core.errors import InputError
+
+ROOTS = {"fcd-export": "SUMO's floating-car data", "commonRoad": "a CommonRoad scenario"}
+"""Root element -> format."""
+
+
+def open_packed(path: Path) -> gzip.GzipFile | io.BufferedReader:
+    """Open a file that may be compressed by gzip."""
+    return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
+
+
+def read_xml_table(path: Path) -> pa.Table:
+    """Return the samples of an XML file as columns of `mmw.traffic.replay.trajectory_table.ALIASES`.
+
+    Raises:
+        InputError: If the root element is none of `ROOTS`, or an obstacle lacks a number.
+        ElementTree.ParseError: If the file is no well-formed XML.
+        OSError: If it cannot be read.
+    """
+    with open_packed(path) as file:
+        _, root = next(ElementTree.iterparse(file, events=("start",)))
+    tag = root.tag.rpartition("}")[2]
+    if tag not in ROOTS:
+        raise InputError(
+            f"{path}: root element <{tag[:60]}>; {' or '.join(f'<{name}> ({what})' for name, what in ROOTS.items())} "
+            "is needed; give such a file"
+        )
+    return _read_fcd(path) if tag == "fcd-export" else _read_commonroad(path)
+
+
+def _read_fcd(path: Path) -> pa.Table:
+    """Return SUMO's floating-car data as its own columns; people and containers are left out."""
+    names = ("id", "x", "y", "z", "angle", "type")
+    rows: dict[str, list] = {name: [] for name in ("timestep_time", *(f"vehicle_{name}" for name in names))}
+    with open_packed(path) as file:
+        now = None
+        for event, element in ElementTree.iterparse(file, events=("start", "end")):
+            if event == "start" and element.tag == "timestep":
+                now = element.get("time")
+            elif event == "end" and element.tag == "vehicle":
+                rows["timestep_time"].append(now)
+                for name in names:
+                    rows[f"vehicle_{name}"].append(element.get(name))
+            elif event == "end" and element.tag == "timestep":
+                element.clear()
+    return _table(rows)
+
+
+def _read_commonroad(path: Path) -> pa.Table:
+    """Return the states of all dynamic obstacles; those of 2018b are `obstacle` elements with a role.
+
+    Source: CommonRoad, Documentation of the XML format, versions 2018b and 2020a: states are those of the middle of
+    the obstacle's shape, orientations count counter-clockwise from x, times are numbers of time steps.
+    """
+    rows: dict[str, list] = {name: [] for name in ("t", "id", "x", "y", "heading", "type", "length", "width")}
+    with open_packed(path) as file:
+        root = ElementTree.parse(file).getroot()
+    for element in root.iter():
+        element.tag = element.tag.rpartition("}")[2]
+    step = _float(root.get("timeStepSize"), f"{path}: <commonRoad> timeStepSize")
+    for obstacle in (*root.findall("dynamicObstacle"), *root.findall("obstacle")):
+        if obstacle.findtext("role", "dynamic").strip() != "dynamic":
+            continue
+        name = obstacle.get("id", "")
+        where = f"{path}: <{obstacle.tag} id={name[:40]!r}>"
+        size = [obstacle.findtext(f"shape/rectangle/{key}") for key in ("length", "width")]
+        for state in (*obstacle.findall("initialState"), *obstacle.findall("trajectory/state")):
+            at = f"{where} <{state.tag}>"
+            rows["t"].append(step * _exact(state, "time", at))
+            rows["x"].append(_float(state.findtext("position/point/x"), f"{at} position/point/x"))
+            rows["y"].append(_float(state.findtext("position/point/y"), f"{at} position/point/y"))
+            rows["heading"].append(_exact(state, "orientation", at))
+            rows["id"].append(name)
+            rows["type"].append(obstacle.findtext("type", "").strip())
+            for key, text in zip(("length", "width"), size, strict=True):
+                rows[key].append(0.0 if text is None else _float(text, f"{where} shape/rectangle/{key}"))
+    return _table(rows)
+
+
+def _exact(state: ElementTree.Element, name: str, where: str) -> float:
+    """Return an exact value, or the middle of an interval."""
+    ends = [state.findtext(f"{name}/{key}") for key in ("intervalStart", "intervalEnd")]
+    if None not in ends:
+        return sum(0.5 * _float(end, f"{where} {name}") for end in ends)
+    return _float(state.findtext(f"{name}/exact"), f"{where} {name}/exact")
+
+
+def _float(text: str | None, where: str) -> float:
+    try:
+        return float(text or "")
+    except ValueError:
+        found = "is missing" if text is None else f"is {text.strip()[:40]!r}"
+        raise InputError(f"{where} {found}; a number is needed; correct it, or remove the obstacle") from None
+
+
+def _table(rows: dict[str, list]) -> pa.Table:
+    return pa.table({name: pa.array(values) if values else pa.array([], pa.string()) for name, values in rows.items()})
