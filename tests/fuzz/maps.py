@@ -1,5 +1,6 @@
-"""Hostile files of every importer: OpenDRIVE, OpenStreetMap, Mitsuba, glTF, OBJ, PLY, STL, OFF."""
+"""Hostile files of every importer, and of recorded traffic."""
 
+import io
 import json
 import random
 import shutil
@@ -8,12 +9,20 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
 import trimesh
 
+from mmw.traffic.replay.trajectory_table import read_trajectories
+from tests.fixtures.city_files import citygml, write_cityjson
 from tests.fixtures.import_files import GROUND, HOUSE, write_glb, write_mitsuba, write_obj
 from tests.fixtures.osm_files import quarter
+from tests.fixtures.overture_files import HOUSES, write_overture
+from tests.fixtures.recordings import COMMONROAD, FCD, tracks_csv
+from tests.fixtures.tile_files import batched, box_glb, write_tileset
 from tests.fixtures.xodr_files import Plan, document, rise, road, street, t_town
-from tests.fuzz.cases import Step, command
+from tests.fuzz.cases import Step, call, command
 from tests.fuzz.map_excerpts import foreign_files
 from tests.fuzz.mutations import NUMBERS, mutate_bytes, mutate_text, mutate_tree
 
@@ -45,6 +54,17 @@ class Maps:
         (folder / "ground_text.stl").write_text(trimesh.Trimesh(*GROUND).export(file_type="stl_ascii"))
         for name, data in trimesh.Scene(house).export(file_type="gltf").items():
             (folder / ("world.gltf" if name == "model.gltf" else name)).write_bytes(data)
+        write_cityjson(folder / "model.city.json")
+        write_cityjson(folder / "model.city.jsonl")
+        (folder / "model.gml").write_text(citygml())
+        write_tileset(folder / "tiles")
+        (folder / "box.b3dm").write_bytes(batched(box_glb(), (10.0, 0.0, 0.0)))
+        write_overture(folder / "buildings.parquet", HOUSES)
+        for version, text in COMMONROAD.items():
+            (folder / f"recorded_{version}.xml").write_text(text)
+        (folder / "recorded_fcd.xml").write_text(FCD)
+        (folder / "recorded.csv").write_text(tracks_csv())
+        pyarrow.parquet.write_table(pyarrow.csv.read_csv(folder / "recorded.csv"), folder / "recorded.parquet")
         self.buffers = [path.name for path in folder.glob("*.bin")]
         self.foreign = foreign_files(folder)
 
@@ -61,9 +81,14 @@ class Maps:
         if name == "mitsuba/scene.xml" and rng.random() < 0.3:
             mesh = folder / "meshes" / "house.ply"
             mesh.write_bytes(mutate_bytes(rng, mesh.read_bytes()))
+        if name == "tiles/tileset.json" and rng.random() < 0.3:
+            content = folder / rng.choice(("coarse.glb", "fine one.b3dm", "inner/fine.cmpt", "inner/tileset.json"))
+            content.write_bytes(mutate_bytes(rng, content.read_bytes()))
+        if name.startswith("recorded"):
+            return [call(f"read_trajectories({name!r})", lambda: read_trajectories(path))]
         (folder / "materials.yaml").write_text(MATERIALS)
         placed = []
-        if rng.random() < 0.2 and not name.endswith((".xodr", ".osm")):
+        if rng.random() < 0.2 and Path(name).suffix in (".xml", ".glb", ".gltf", ".obj", ".ply", ".stl", ".off"):
             placed = [
                 "--unit",
                 rng.choice(("mm", "km")),
@@ -118,6 +143,44 @@ def _gltf(rng: random.Random, data: bytes) -> bytes:
     return json.dumps(mutate_tree(rng, json.loads(data))).encode()
 
 
+def _json(rng: random.Random, data: bytes) -> bytes:
+    """Change values of a JSON object, or of one line of several."""
+    lines = data.splitlines()
+    at = rng.randrange(len(lines))
+    lines[at] = json.dumps(mutate_tree(rng, json.loads(lines[at]))).encode()
+    return b"\n".join(lines)
+
+
+def _header(rng: random.Random, data: bytes) -> bytes:
+    """Change a length in the header of a tile."""
+    at = rng.choice((4, 8, 12, 16, 20, 24))
+    number = rng.choice((0, 1, 7, 28, len(data), len(data) + 1, 2**31 - 1, 2**32 - 1))
+    return data[:at] + struct.pack("<I", number) + data[at + 4 :]
+
+
+def _values(rng: random.Random, data: bytes) -> bytes:
+    """Change values of a Parquet table; each keeps the type of its column, or the whole column gets another."""
+    table = pyarrow.parquet.read_table(io.BytesIO(data))
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        at = rng.randrange(table.num_columns)
+        field, values = table.schema.field(at), table.column(at).to_pylist()
+        row = rng.randrange(len(values))
+        if isinstance(values[row], bytes):
+            values[row] = mutate_bytes(rng, values[row])
+        elif rng.random() < 0.1:
+            field, values = pa.field(field.name, pa.string()), [str(value) for value in values]
+        elif pa.types.is_floating(field.type):
+            values[row] = rng.choice((None, float("nan"), float("inf"), -1.0, 0.0, 1e-300, 1e12, 1e300))
+        elif pa.types.is_string(field.type):
+            values[row] = rng.choice(("", "nan", "-1", "../x", "a" * 300, "#zz", "12 ft", "é"))
+        else:
+            values[row] = None
+        table = table.set_column(at, field, pa.array(values, field.type))
+    out = io.BytesIO()
+    pyarrow.parquet.write_table(table, out)
+    return out.getvalue()
+
+
 Mutation = Callable[[random.Random, bytes], bytes]
 _XML: tuple[Mutation, ...] = (_elements, _elements, _elements, _elements, _text, _text, mutate_bytes)
 _MUTATIONS: dict[str, tuple[Mutation, ...]] = {
@@ -126,4 +189,8 @@ _MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     mutate_bytes),
     "house.ply": (mutate_bytes,), "house_text.ply": (_text,), "house.stl": (mutate_bytes,), "ground_text.stl": (_text,),
     "house.off": (_text,),
+    "model.city.json": (_json, _json, _json, _text, mutate_bytes), "model.city.jsonl": (_json, _json, _text),
+    "model.gml": _XML, "tiles/tileset.json": (_json, _json, _json, _text), "box.b3dm": (_header, mutate_bytes),
+    "buildings.parquet": (_values, _values, mutate_bytes), "recorded_2020a.xml": _XML, "recorded_2018b.xml": _XML,
+    "recorded_fcd.xml": _XML, "recorded.csv": (_text,), "recorded.parquet": (_values, mutate_bytes),
 }  # fmt: skip

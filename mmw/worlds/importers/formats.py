@@ -60,12 +60,31 @@ OPENSTREETMAP = Importer(
     (".osm", ".osm.xml", ".osm.bz2", ".osm.gz", ".osm.pbf"), "mmw.worlds.importers.osm.read_osm:read_osm",
     "OpenStreetMap: buildings, streets, trees (needs the extra author, .osm.pbf also osm)", {},
 )  # fmt: skip
+_LOD = {"lod": "highest level of detail to read, such as lod=1.2; of each object the highest by default"}
+CITYJSON = Importer(
+    (".json", ".city.json", ".jsonl", ".city.jsonl"), "mmw.worlds.importers.city.cityjson:read_cityjson",
+    "CityJSON and CityJSONSeq: buildings, bridges, terrain (needs the extra author)", _LOD,
+)  # fmt: skip
+CITYGML = Importer(
+    (".gml", ".citygml"), "mmw.worlds.importers.city.citygml:read_citygml",
+    "CityGML: buildings, bridges, terrain (needs the extra author)", _LOD,
+)  # fmt: skip
+TILES = Importer(
+    ("tileset.json", ".b3dm"), "mmw.worlds.importers.tiles.read_tiles:read_tiles",
+    "3D Tiles: the finest meshes of a tileset's local files", {},
+)  # fmt: skip
+OVERTURE = Importer(
+    (".parquet", ".geoparquet"), "mmw.worlds.importers.overture:read_overture",
+    "Overture Maps: buildings on flat ground (needs the extra author)",
+    {"parts": "file with the rows of type building_part"},
+)  # fmt: skip
 
+_NAMES = ("mitsuba", "meshes", "usd", "opendrive", "openstreetmap", "cityjson", "citygml", "tiles", "overture")
 IMPORTERS: Registry[Importer] = Registry(
     "mmw.importers",
     "importer",
     f"{__name__}:Importer",
-    {name: f"{__name__}:{name.upper()}" for name in ("mitsuba", "meshes", "usd", "opendrive", "openstreetmap")},
+    {name: f"{__name__}:{name.upper()}" for name in _NAMES},
 )
 """Importers by name."""
 

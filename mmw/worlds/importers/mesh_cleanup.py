@@ -161,14 +161,25 @@ def clean(points: np.ndarray, faces: np.ndarray) -> tuple[TriangleMesh, int, int
     Returns:
         The mesh, its vertices float64 of float32 numbers; how many triangles had no area, how many were repeated.
     """
+    unique, kept_faces, kept, repeated = clean_faces(points, faces)
+    return compact(unique, kept_faces), len(faces) - len(kept) - repeated, repeated
+
+
+def clean_faces(points: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Clean a mesh as `clean` does, and return which triangles stay.
+
+    Returns:
+        Unique vertices, float64 of float32 numbers, shape [U, 3]; triangles that stay, shape [K, 3]; their rows,
+        rising, shape [K]; how many of the others were repeated.
+    """
     exact = points.astype(np.float32) + np.float32(0.0)  # no negative zero
     _, first, inverse = np.unique(_as_rows(exact), return_index=True, return_inverse=True)
     unique, faces = exact[first].astype(np.float64), inverse.reshape(-1)[faces]
     # the limit of `mmw.core.planar_surfaces.find_surfaces`
-    solid = faces[2.0 * TriangleMesh(unique, faces).areas > 1e-12]
-    corners_of = np.sort(solid, axis=1).astype(np.int32)
+    solid = np.flatnonzero(2.0 * TriangleMesh(unique, faces).areas > 1e-12)
+    corners_of = np.sort(faces[solid], axis=1).astype(np.int32)
     kept = solid[np.sort(np.unique(_as_rows(corners_of), return_index=True)[1])]
-    return compact(unique, kept), len(faces) - len(solid), len(solid) - len(kept)
+    return unique, faces[kept], kept, len(solid) - len(kept)
 
 
 def _as_rows(triples: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
 """glTF, OBJ, PLY, STL and OFF files: meshes with the names, the hierarchy and the materials that the file has."""
 
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,11 @@ GROUP = "Model"
 
 SINGLE = (".ply", ".stl", ".off")
 """Formats that hold one mesh, which is called after the file."""
+
+COMPRESSION = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
+"""Extensions of glTF without which its buffers hold no numbers."""
+MAX_HEADER = 1_000_000
+"""Bytes of a binary glTF in which the names of its extensions are looked for; its text comes first."""
 
 UP_OF_SUFFIX = {".glb": "y", ".gltf": "y"}
 """Source: glTF 2.0, 3.4: +Y is up, units are meters. The other formats say nothing; z and meters are assumed."""
@@ -49,14 +55,14 @@ def read_meshes(
     unit = unit_m or 1.0
     scale = np.diag([unit, unit, unit, 1.0])
     to_world = Y_UP @ scale if up == "y" else scale
-    meshes, materials = MeshCollector(np.asarray(origin, float)), _Materials()
-    for node, prim in _prim_paths(scene, path.stem, suffix in SINGLE).items():
-        matrix, geometry = scene.graph[node]
-        mesh = scene.geometry[geometry]
+    meshes, materials, names = MeshCollector(np.asarray(origin, float)), MaterialCollector(), PrimNames()
+    base = names.folder("", GROUP)
+    for node, prim, mesh in _named_meshes(scene, base, names, path.stem if suffix in SINGLE else ""):
         if not isinstance(mesh, trimesh.Trimesh):  # lines and points have no surface
             meshes.empty.append(prim)
             continue
-        points, faces = transformed(mesh.vertices, mesh.faces, to_world @ np.asarray(matrix, float))
+        matrix = to_world @ np.asarray(scene.graph[node][0], float)
+        points, faces = transformed(mesh.vertices, mesh.faces, matrix)
         meshes.add(f"{path}: {node}", prim, points, faces, materials.name_of(mesh))
     return ImportedScene(meshes.parts, materials.found, None, (*notes, *materials.notes, *meshes.notes()))
 
@@ -64,22 +70,67 @@ def read_meshes(
 def _load(path: Path, suffix: str) -> trimesh.Scene:
     if not path.is_file():
         raise InputError(f"{path}: no such file; give an existing {', '.join(MESHES.suffixes)} file")
+    if suffix == ".glb":
+        return load_glb(path.read_bytes(), str(path))
     options = {"split_objects": True, "split_groups": True} if suffix == ".obj" else {}
     try:
         return trimesh.load_scene(str(path), process=False, **options)
     except Exception as error:  # trimesh raises any exception of its parsers
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
-        raise InputError(f"{path}: cannot be read as {suffix[1:]} ({reason}); write the file again") from None
+        raise _unreadable(str(path), suffix[1:], error) from None
 
 
-def _prim_paths(scene: trimesh.Scene, stem: str, is_single: bool) -> dict[str, str]:
-    """Return node with a mesh -> prim path, sorted by node, so that the same file gives the same prims.
+def load_glb(data: bytes, where: str) -> trimesh.Scene:
+    """Return the scene of a binary glTF.
 
-    A node that has others below it becomes a prim that holds them, and its mesh.
+    Raises:
+        InputError: If it cannot be read, or is compressed.
     """
-    parents, names = dict(scene.graph.transforms.parents), PrimNames()
+    start = data[:MAX_HEADER]
+    packed = next((name for name in COMPRESSION if name.encode() in start), None)
+    try:
+        return trimesh.load_scene(io.BytesIO(data), file_type="glb", process=False)
+    except Exception as error:  # trimesh raises any exception of its parsers
+        if packed:
+            raise InputError(
+                f"{where}: its meshes are compressed by {packed}, which is not read; unpack them (npx "
+                "@gltf-transform/cli copy in.glb out.glb)"
+            ) from None
+        raise _unreadable(where, "glb", error) from None
+
+
+def _unreadable(where: str, kind: str, error: Exception) -> InputError:
+    reason = " ".join(str(error).split())[:120] or type(error).__name__
+    return InputError(f"{where}: cannot be read as {kind} ({reason}); write the file again")
+
+
+def placed_meshes(
+    scene: trimesh.Scene, base: str, names: PrimNames, to_world: np.ndarray
+) -> Iterator[tuple[str, str, np.ndarray, np.ndarray, trimesh.Trimesh]]:
+    """Yield node, prim path, vertices [m], shape [N, 3], faces and mesh of a glTF scene; y becomes up.
+
+    Args:
+        scene: The scene.
+        base: Prim that holds the meshes.
+        names: Names of prims that are used.
+        to_world: Matrix of the frame with z up, column vectors, shape [4, 4].
+    """
+    for node, prim, mesh in _named_meshes(scene, base, names):
+        if isinstance(mesh, trimesh.Trimesh):
+            matrix = to_world @ Y_UP @ np.asarray(scene.graph[node][0], float)
+            points, faces = transformed(mesh.vertices, mesh.faces, matrix)
+            yield node, prim, points, faces, mesh
+
+
+def _named_meshes(
+    scene: trimesh.Scene, base: str, names: PrimNames, single: str = ""
+) -> Iterator[tuple[str, str, Any]]:
+    """Yield node, prim path and geometry, sorted by node, so that the same file gives the same prims.
+
+    A node that has others below it becomes a prim that holds them, and its mesh. `single` names the only mesh of a
+    format that has no names.
+    """
+    parents = dict(scene.graph.transforms.parents)
     above = set(parents.values())
-    base, paths = names.folder("", GROUP), {}
 
     def folder(node: str) -> str:
         if node == scene.graph.base_frame or node not in parents:
@@ -88,17 +139,17 @@ def _prim_paths(scene: trimesh.Scene, stem: str, is_single: bool) -> dict[str, s
 
     for node in sorted(scene.graph.nodes_geometry):
         geometry = scene.graph[node][1]
-        if is_single:
-            paths[node] = names.child(base, stem)
+        if single:
+            prim = names.child(base, single)
         elif node in above:
-            paths[node] = names.child(folder(node), geometry)
+            prim = names.child(folder(node), geometry)
         else:
-            paths[node] = names.child(folder(parents.get(node, node)), node)
-    return paths
+            prim = names.child(folder(parents.get(node, node)), node)
+        yield node, prim, scene.geometry[geometry]
 
 
 @dataclass
-class _Materials:
+class MaterialCollector:
     """Materials of the file, by what they are: two of the same name may differ."""
 
     found: dict[str, ImportedMaterial] = field(default_factory=dict)

@@ -24,6 +24,8 @@ class XmlNode:
     folder: Path
     """Folder of its file."""
     children: list["XmlNode"] = field(default_factory=list)
+    text: str = ""
+    """Text directly in it, that between its children included."""
 
     def get(self, name: str) -> str:
         """Return an attribute that must be there.
@@ -68,7 +70,12 @@ def read_xml(path: Path) -> XmlNode:
         stack[-1].children.append(node)
         stack.append(node)
 
+    def add_text(text: str) -> None:
+        if not text.isspace():
+            stack[-1].text += text
+
     parser.StartElementHandler = start
+    parser.CharacterDataHandler = add_text
     parser.EndElementHandler = lambda tag: stack.pop()
     try:
         parser.Parse(data, True)

@@ -12,44 +12,15 @@ from mmw.traffic.replay.object_classes import vehicle_class
 from mmw.traffic.replay.recorded_vehicles import choose_model, replay_table
 from mmw.traffic.replay.trajectory_table import Trajectory, read_trajectories
 from mmw.traffic.roads.lane_graph import LaneGraph
+from tests.fixtures.recordings import COMMONROAD, EAST, SPEED, TIMES, obstacle
 from tests.fixtures.traffic_towns import demand, flat, height_field
 
 SIDE = np.arange(-120.0, 121.0, 2.0)
-SPEED = 8.0
-TIMES = np.arange(0.0, 2.01, 0.1)
-EAST = SPEED * TIMES - 10.0
 
 
-def state(tag: str, step: int, x: float, y: float, heading: float) -> str:
-    return (
-        f"<{tag}><position><point><x>{x}</x><y>{y}</y></point></position><orientation><exact>{heading}</exact>"
-        f"</orientation><time><exact>{step}</exact></time><velocity><exact>{SPEED}</exact></velocity></{tag}>"
-    )
-
-
-def obstacle(opening: str, closing: str, kind: str, y: float, first: int = 0) -> str:
-    states = "".join(state("state", k, x, y, 0.0) for k, x in enumerate(EAST) if k > first)
-    return (
-        f"<{opening}<type>{kind}</type><shape><rectangle><length>4.4</length><width>1.8</width></rectangle></shape>"
-        f"{state('initialState', first, EAST[first], y, 0.0)}<trajectory>{states}</trajectory></{closing}>"
-    )
-
-
-SCENARIOS = {
-    "2020a": '<commonRoad timeStepSize="0.1" commonRoadVersion="2020a" benchmarkID="ZAM_Own-1_1_T-1">'
-    + obstacle('dynamicObstacle id="31">', "dynamicObstacle", "car", 3.0)
-    + obstacle('dynamicObstacle id="32">', "dynamicObstacle", "pedestrian", 9.0)
-    + '<staticObstacle id="33"><type>parkedVehicle</type></staticObstacle></commonRoad>',
-    "2018b": '<?xml version="1.0"?><commonRoad timeStepSize="0.1" commonRoadVersion="2018b">'
-    + obstacle('obstacle id="31"><role>dynamic</role>', "obstacle", "car", 3.0)
-    + obstacle('obstacle id="32"><role>dynamic</role>', "obstacle", "pedestrian", 9.0)
-    + '<obstacle id="33"><role>static</role><type>parkedVehicle</type></obstacle></commonRoad>',
-}
-
-
-@pytest.mark.parametrize("version", SCENARIOS)
+@pytest.mark.parametrize("version", COMMONROAD)
 def test_obstacles_of_commonroad(version: str, tmp_path: Path):
-    (tmp_path / "s.xml").write_text(SCENARIOS[version])
+    (tmp_path / "s.xml").write_text(COMMONROAD[version])
     recording = read_trajectories(tmp_path / "s.xml")
     (car,) = recording.vehicles
     assert (car.id, car.type, car.length, car.width, car.reference) == ("31", "car", 4.4, 1.8, "center")
@@ -60,7 +31,7 @@ def test_obstacles_of_commonroad(version: str, tmp_path: Path):
 
 
 def test_intervals_of_commonroad_have_a_middle(tmp_path: Path):
-    text = SCENARIOS["2020a"].replace(
+    text = COMMONROAD["2020a"].replace(
         "<orientation><exact>0.0</exact>",
         "<orientation><intervalStart>-0.1</intervalStart><intervalEnd>0.3</intervalEnd>", 1,
     )  # fmt: skip
@@ -78,7 +49,7 @@ def test_intervals_of_commonroad_have_a_middle(tmp_path: Path):
     ],
 )
 def test_faults_of_commonroad_name_the_obstacle(old: str, new: str, match: str, tmp_path: Path):
-    (tmp_path / "s.xml").write_text(SCENARIOS["2020a"].replace(old, new, 1))
+    (tmp_path / "s.xml").write_text(COMMONROAD["2020a"].replace(old, new, 1))
     with pytest.raises(ValueError, match=match):
         read_trajectories(tmp_path / "s.xml")
 
@@ -150,7 +121,7 @@ def test_a_width_tells_models_of_one_length_apart():
 
 
 def test_vehicles_follow_the_scenario_and_those_off_the_road_are_named(tmp_path: Path):
-    text = SCENARIOS["2020a"].replace("</commonRoad>", "")
+    text = COMMONROAD["2020a"].replace("</commonRoad>", "")
     text += obstacle('dynamicObstacle id="7">', "dynamicObstacle", "truck", 300.0)
     text += obstacle('dynamicObstacle id="9">', "dynamicObstacle", "car", -4.0) + "</commonRoad>"
     (tmp_path / "s.xml").write_text(text)

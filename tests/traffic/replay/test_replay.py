@@ -25,6 +25,7 @@ from mmw.traffic.replay.trajectory_table import REFERENCES, Trajectory, read_tra
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.town_asset import open_town
 from mmw.traffic.vehicle_pose import Shape
+from tests.fixtures.recordings import FCD
 from tests.fixtures.stages import add_polygons, label, new_stage
 from tests.fixtures.traffic_towns import CATALOG, SEDAN, Height, demand, flat, height_field
 
@@ -199,20 +200,6 @@ def test_monotone_filling():
     assert np.ptp(fine[200:401]) == 0.0
     path = fit_path(np.column_stack([np.linspace(0, 20, 81), np.zeros(81)]), None)
     assert path.station == pytest.approx(np.linspace(0, 20, 81))
-
-
-FCD = """<fcd-export>
-  <timestep time="3600.00">
-    <vehicle id="a" x="1.0" y="2.0" angle="90.0" type="sedan" speed="8" pos="1" lane="e_0" slope="0"/>
-    <vehicle id="b" x="5.0" y="9.0" angle="0.0" type="lorry" speed="0" pos="1" lane="e_1" slope="0"/>
-    <person id="p" x="0" y="0" angle="0" speed="1" pos="0" edge="e" slope="0"/>
-  </timestep>
-  <timestep time="3600.10">
-    <vehicle id="a" x="1.8" y="2.0" angle="90.0" type="sedan" speed="8" pos="1" lane="e_0" slope="0"/>
-    <vehicle id="b" x="5.0" y="9.0" angle="0.0" type="lorry" speed="0" pos="1" lane="e_1" slope="0"/>
-  </timestep>
-</fcd-export>
-"""
 
 
 def test_formats_agree(tmp_path: Path):

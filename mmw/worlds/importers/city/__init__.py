@@ -1,0 +1,1 @@
+"""Read city models: CityJSON and CityGML."""

@@ -1,0 +1,1 @@
+"""Read 3D Tiles."""
