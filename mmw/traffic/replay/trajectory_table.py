@@ -94,13 +94,14 @@ def read_trajectories(path: Path) -> Recording:
     """
     suffixes = [suffix.lower() for suffix in path.suffixes]
     kind = suffixes[-2] if suffixes[-1:] == [".gz"] and len(suffixes) > 1 else "".join(suffixes[-1:])
+    notes: list[str] = []
     try:
         if kind == ".parquet":
             table = pyarrow.parquet.read_table(path)
         elif kind == ".csv":
             table = _read_csv(path)
         elif kind == ".xml":
-            table = read_xml_table(path)
+            table, notes = read_xml_table(path)
         else:
             raise InputError(f"{path}: is no .parquet, .csv or .xml file; give one of them")
     except (pa.ArrowException, OSError, EOFError, ElementTree.ParseError) as error:
@@ -113,7 +114,8 @@ def read_trajectories(path: Path) -> Recording:
         else:
             vehicles.append(replace(each, type=name))
     named = ", ".join(f"{count} {name}" for name, count in sorted(left_out.items()))
-    notes = [f"{path.name}: left out, for they are no vehicles with a model: {named}"] if named else []
+    if named:
+        notes.append(f"{path.name}: left out, for they are no vehicles with a model: {named}")
     return Recording(vehicles, tuple(notes))
 
 
@@ -131,6 +133,9 @@ def _read_csv(path: Path) -> pa.Table:
 def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
     """Return the columns by our names: numbers as float64, texts as objects; those that are not there are left out."""
     names = {name.strip().lower(): name for name in table.column_names}
+    if len(names) < len(table.column_names):
+        (twice, _), *_ = Counter(name.strip().lower() for name in table.column_names).most_common(1)
+        raise InputError(f"{path}: column {twice[:40]} is there twice; names of columns must differ; remove one")
     found = {key: next((names[a] for a in aliases if a in names), None) for key, aliases in ALIASES.items()}
     missing = [key for key in NEEDED if found[key] is None]
     if missing:
@@ -151,7 +156,8 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
         try:
             values = _seconds(column, name) if key == "t" else _numbers(column)
         except pa.ArrowException as error:
-            raise InputError(f"{path}: column {name}: {error}; numbers are needed; correct them") from None
+            reason = " ".join(str(error).split())[:100]
+            raise InputError(f"{path}: column {name}: {reason}; numbers are needed; correct them") from None
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad) and key in NEEDED:
             raise InputError(f"{path}: column {name}: row {bad[0] + 1} holds no number; a value is needed; remove it")

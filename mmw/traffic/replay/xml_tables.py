@@ -5,6 +5,7 @@ import io
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
+import numpy as np
 import pyarrow as pa
 
 from mmw.core.errors import InputError
@@ -18,11 +19,11 @@ def open_packed(path: Path) -> gzip.GzipFile | io.BufferedReader:
     return gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
-def read_xml_table(path: Path) -> pa.Table:
-    """Return the samples of an XML file as columns of `mmw.traffic.replay.trajectory_table.ALIASES`.
+def read_xml_table(path: Path) -> tuple[pa.Table, list[str]]:
+    """Return the samples of an XML file as columns of `mmw.traffic.replay.trajectory_table.ALIASES`, and notes.
 
     Raises:
-        InputError: If the root element is none of `ROOTS`, or an obstacle lacks a number.
+        InputError: If the root element is none of `ROOTS`, a number is none, or no obstacle has places.
         ElementTree.ParseError: If the file is no well-formed XML.
         OSError: If it cannot be read.
     """
@@ -34,7 +35,7 @@ def read_xml_table(path: Path) -> pa.Table:
             f"{path}: root element <{tag[:60]}>; {' or '.join(f'<{name}> ({what})' for name, what in ROOTS.items())} "
             "is needed; give such a file"
         )
-    return _read_fcd(path) if tag == "fcd-export" else _read_commonroad(path)
+    return (_read_fcd(path), []) if tag == "fcd-export" else _read_commonroad(path)
 
 
 def _read_fcd(path: Path) -> pa.Table:
@@ -55,8 +56,10 @@ def _read_fcd(path: Path) -> pa.Table:
     return _table(rows)
 
 
-def _read_commonroad(path: Path) -> pa.Table:
-    """Return the states of all dynamic obstacles; those of 2018b are `obstacle` elements with a role.
+def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
+    """Return the states of all dynamic obstacles, and notes; those of 2018b are `obstacle` elements with a role.
+
+    Obstacles whose places are areas are left out. A state without an orientation has NaN.
 
     Source: CommonRoad, Documentation of the XML format, versions 2018b and 2020a: states are those of the middle of
     the obstacle's shape, orientations count counter-clockwise from x, times are numbers of time steps.
@@ -67,23 +70,35 @@ def _read_commonroad(path: Path) -> pa.Table:
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     step = _float(root.get("timeStepSize"), f"{path}: <commonRoad> timeStepSize")
+    vague = 0
     for obstacle in (*root.findall("dynamicObstacle"), *root.findall("obstacle")):
         if obstacle.findtext("role", "dynamic").strip() != "dynamic":
+            continue
+        states = [*obstacle.findall("initialState"), *obstacle.findall("trajectory/state")]
+        if len(states) < 2 or any(state.find("position/point") is None for state in states):
+            vague += 1
             continue
         name = obstacle.get("id", "")
         where = f"{path}: <{obstacle.tag} id={name[:40]!r}>"
         size = [obstacle.findtext(f"shape/rectangle/{key}") for key in ("length", "width")]
-        for state in (*obstacle.findall("initialState"), *obstacle.findall("trajectory/state")):
+        for state in states:
             at = f"{where} <{state.tag}>"
             rows["t"].append(step * _exact(state, "time", at))
             rows["x"].append(_float(state.findtext("position/point/x"), f"{at} position/point/x"))
             rows["y"].append(_float(state.findtext("position/point/y"), f"{at} position/point/y"))
-            rows["heading"].append(_exact(state, "orientation", at))
+            is_turned = state.find("orientation") is not None
+            rows["heading"].append(_exact(state, "orientation", at) if is_turned else np.nan)
             rows["id"].append(name)
             rows["type"].append(obstacle.findtext("type", "").strip())
             for key, text in zip(("length", "width"), size, strict=True):
                 rows[key].append(0.0 if text is None else _float(text, f"{where} shape/rectangle/{key}"))
-    return _table(rows)
+    if not rows["t"]:
+        raise InputError(
+            f"{path}: <commonRoad> has no dynamic obstacle with points as places ({vague} have areas or no trajectory);"
+            " at least one is needed; choose a scenario of interaction type T"
+        )
+    notes = [f"{path.name}: {vague} obstacles with areas as places, or no trajectory, were left out"] if vague else []
+    return _table(rows), notes
 
 
 def _exact(state: ElementTree.Element, name: str, where: str) -> float:

@@ -92,8 +92,7 @@ def load_glb(data: bytes, where: str) -> trimesh.Scene:
     except Exception as error:  # trimesh raises any exception of its parsers
         if packed:
             raise InputError(
-                f"{where}: its meshes are compressed by {packed}, which is not read; unpack them (npx "
-                "@gltf-transform/cli copy in.glb out.glb)"
+                f"{where}: its meshes are compressed by {packed}, which is not read; export it without compression"
             ) from None
         raise _unreadable(where, "glb", error) from None
 
@@ -159,7 +158,8 @@ class MaterialCollector:
     def name_of(self, mesh: trimesh.Trimesh) -> str:
         """Return the name of a mesh's material, which is added if it is new."""
         material = getattr(mesh.visual, "material", None)
-        source = str(getattr(material, "name", None) or "")
+        source = getattr(material, "name", None)
+        source = source if isinstance(source, str) else ""
         look = _look(mesh, material)
         key = (source, *look.items())
         if key not in self._name_of:

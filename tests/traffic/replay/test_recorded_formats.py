@@ -39,6 +39,20 @@ def test_intervals_of_commonroad_have_a_middle(tmp_path: Path):
     assert read_trajectories(tmp_path / "s.xml").vehicles[0].heading[0] == pytest.approx(0.1)
 
 
+def test_obstacles_without_exact_places_are_named(tmp_path: Path):
+    """An occupancy set, and a point mass without a heading."""
+    vague = '<dynamicObstacle id="5"><type>car</type><initialState><position><circle><radius>2</radius></circle>'
+    vague += "</position><time><exact>0</exact></time></initialState><occupancySet/></dynamicObstacle></commonRoad>"
+    text = COMMONROAD["2020a"].replace("</commonRoad>", vague)
+    (tmp_path / "s.xml").write_text(text.replace("<orientation><exact>0.0</exact></orientation>", ""))
+    recording = read_trajectories(tmp_path / "s.xml")
+    assert [car.heading for car in recording.vehicles] == [None]
+    assert recording.notes[0] == "s.xml: 1 obstacles with areas as places, or no trajectory, were left out"
+    (tmp_path / "s.xml").write_text(f'<commonRoad timeStepSize="0.1">{vague}')
+    with pytest.raises(ValueError, match=r"<commonRoad> has no dynamic obstacle with points as places \(1 have areas"):
+        read_trajectories(tmp_path / "s.xml")
+
+
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [

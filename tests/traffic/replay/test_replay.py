@@ -240,6 +240,7 @@ def test_bad_tables_are_refused(tmp_path: Path):
         "t,id,x\n0,a,1\n", r"t.csv: no column y, vehicle_y, position_y, center_y; one each .* the file has t, id, x"
     )
     refused("t,id,x,y\n", r"holds no row")
+    refused("t,id,x,X,y\n0,a,1,1,2\n", r"column x is there twice; names of columns must differ; remove one")
     refused("t,id,x,y\n0,a,1,2\n1,a,,2\n", r"column x: row 2 holds no number")
     refused("t,id,x,y\n0,a,one,2\n", r"column x: .*numbers are needed")
     refused("t,id,x,y\n0,,1,2\n", r"row 1 has no id")

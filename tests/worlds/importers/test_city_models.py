@@ -199,7 +199,9 @@ FAULTS: dict[str, tuple[Callable[[dict], object], str]] = {
     "nothing": (lambda m: m.update(CityObjects={}), r"holds no city object with surfaces; give a file with buildings"),
     "lod": (lambda m: m["CityObjects"]["box"]["geometry"][0].update(lod="fine"),
             r"\['box'\].geometry\[0\].lod = 'fine'"),
-    "number": (lambda m: m["vertices"][0].__setitem__(0, float("nan")), r"a coordinate is not finite or beyond"),
+    "number": (lambda m: m["vertices"][0].__setitem__(0, float("nan")),
+               r"c.json: house: a coordinate is nan; a number below 1e\+12 is needed; correct it"),
+    "far": (lambda m: m["vertices"][20].__setitem__(0, 10**11), r"c.json: lawn: reaches .* km from the middle"),
     "place": (lambda m: m.update(metadata={"referenceSystem": "EPSG:4979"}),
               r"a place of EPSG:4979 is not on the earth"),
 }  # fmt: skip

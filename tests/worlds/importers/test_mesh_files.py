@@ -1,5 +1,7 @@
 """glTF, OBJ, PLY, STL and OFF files become worlds: axes, units, hierarchy, materials, broken meshes."""
 
+import json
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -176,3 +178,17 @@ def test_prim_names_are_identifiers_of_their_own() -> None:
     found = [names.child("G", "x y"), names.child("G", "x.y"), names.folder("G", "x_y")]
     assert found == ["G/x_y", "G/x_y_2", "G/x_y_3"]
     assert names.folder("G", "x_y") == "G/x_y_3"
+
+
+def test_a_name_that_is_no_text_is_no_name(tmp_path: Path) -> None:
+    path = write_glb(tmp_path / "w.glb")
+    data = path.read_bytes()
+    size = struct.unpack_from("<I", data, 12)[0]
+    tree = json.loads(data[20 : 20 + size])
+    tree["materials"][0]["name"] = [1.0, 2.0]
+    text = json.dumps(tree).encode()
+    text += b" " * (-len(text) % 4)
+    rest = data[20 + size :]
+    total = 20 + len(text) + len(rest)
+    path.write_bytes(data[:8] + struct.pack("<II", total, len(text)) + b"JSON" + text + rest)
+    assert {material.source for material in read_meshes(path).materials.values()} == {"", "tarmac"}

@@ -72,7 +72,7 @@ def test_faults_name_tile_and_cure(tmp_path: Path):
     tree["root"]["transform"] = [1.0]
     refused(r"tileset.json: root.transform: 16 numbers are needed", json.dumps(tree))
     tree["root"] = {"implicitTiling": {}}
-    refused(r"root: implicit tiling is not read; write explicit tiles", json.dumps(tree))
+    refused(r"root: implicit tiling is not read; give a tileset that lists", json.dumps(tree))
     (tmp_path / "added.glb").write_bytes(b"PK\x03\x04")
     refused(r"added.glb: begins with b'PK.*a glb, b3dm or cmpt is needed; convert")
     (tmp_path / "added.glb").write_bytes(b"b3dm" + b"\xff" * 24)

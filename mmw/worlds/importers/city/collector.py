@@ -12,7 +12,7 @@ from mmw.core.errors import InputError
 from mmw.core.mesh import compact
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.importers.city.polygons import normal_of, triangulate
-from mmw.worlds.importers.city.reference_system import place
+from mmw.worlds.importers.city.reference_system import check_numbers, check_reach, place
 from mmw.worlds.importers.city.surface_types import (
     BUILDING,
     CLASSES,
@@ -24,7 +24,7 @@ from mmw.worlds.importers.city.surface_types import (
     ObjectClass,
 )  # fmt: skip
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
-from mmw.worlds.importers.mesh_cleanup import PrimNames, clean_faces
+from mmw.worlds.importers.mesh_cleanup import MAX_COORDINATE_M, PrimNames, clean_faces
 from mmw.worlds.towns.mesh_part import MeshPart
 
 WATER = ImportedMaterial(
@@ -44,10 +44,16 @@ Rings = Sequence[np.ndarray]
 
 @dataclass
 class _Object:
+    name: str
     path: str
     kind: ObjectClass
     polygons: list[Rings] = field(default_factory=list)
     types: list[str] = field(default_factory=list)
+
+    @property
+    def points(self) -> np.ndarray:
+        """All corners, shape [N, 3]."""
+        return np.concatenate([ring for rings in self.polygons for ring in rings])
 
 
 @dataclass
@@ -59,6 +65,7 @@ class CityCollector:
     _objects: list[_Object] = field(default_factory=list)
     _left_out: Counter = field(default_factory=Counter)
     _polygons: int = 0
+    _degenerate: int = 0
     _names: PrimNames = field(default_factory=PrimNames)
 
     def knows(self, type_name: str) -> bool:
@@ -82,10 +89,11 @@ class CityCollector:
         self._polygons += len(surfaces)
         if self._polygons > MAX_POLYGONS:
             raise InputError(f"{self.path}: more than {MAX_POLYGONS:,} polygons; cut out a smaller area")
-        kept = [(rings, kind) for rings, kind in surfaces if kind not in OPEN]
+        kept = [(rings, kind) for rings, kind in surfaces if kind not in OPEN and len(rings[0]) > 2]
+        self._degenerate += sum(len(rings[0]) < 3 for rings, _ in surfaces)
         if kept:
             kind = CLASSES[type_name]
-            each = _Object(self._names.child(self._names.folder("", kind.group), f"b_{name}"), kind)
+            each = _Object(name[:60], self._names.child(self._names.folder("", kind.group), f"b_{name}"), kind)
             each.polygons, each.types = [rings for rings, _ in kept], [kind for _, kind in kept]
             self._objects.append(each)
 
@@ -107,7 +115,7 @@ class CityCollector:
         starts = np.cumsum([0, *(len(each.polygons) for each in self._objects)])
         rows = np.searchsorted(found.owner, starts)
         parts: list[MeshPart] = []
-        degenerate, repeated, turned = found.degenerate, 0, 0
+        degenerate, repeated, turned = self._degenerate + found.degenerate, 0, 0
         for k, each in enumerate(self._objects):
             corners = found.corners[rows[k] : rows[k + 1]]
             if len(corners) == 0:
@@ -137,25 +145,31 @@ class CityCollector:
         return ImportedScene(parts, foreign, None, tuple(notes), notice=notice)
 
     def _to_world(self, code: int) -> None:
+        for each in self._objects:
+            check_numbers(f"{self.path}: {each.name}", each.points)
         rings = [ring for each in self._objects for polygon in each.polygons for ring in polygon]
         world, notes = place(str(self.path), np.concatenate(rings), code)
         self.notes += notes
         placed = iter(np.split(world, np.cumsum([len(ring) for ring in rings])[:-1]))
         for each in self._objects:
             each.polygons = [[next(placed) for _ in polygon] for polygon in each.polygons]
+        if np.abs(world).max(initial=0.0) > MAX_COORDINATE_M:  # one of them, or all, is named
+            middles = np.array([each.points.mean(axis=0) for each in self._objects])
+            away = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
+            check_reach(f"{self.path}: {self._objects[int(np.argmax(away))].name}", world)
 
 
 def _surface_types(each: _Object) -> list[str]:
     """Return the types of an object's surfaces; those of a building that are not known by where they look."""
     if each.kind is not BUILDING:
         return each.types
-    low = min(float(ring[:, 2].min()) for rings in each.polygons for ring in rings if len(ring))
+    low = min(float(ring[:, 2].min()) for rings in each.polygons for ring in rings[:1])
     types = []
     for rings, kind in zip(each.polygons, each.types, strict=True):
         if kind not in MATERIALS:
-            normal = normal_of(rings[0]) if len(rings) and len(rings[0]) else np.zeros(3)
+            normal = normal_of(rings[0])
             is_wall = abs(normal[2]) <= STEEP * np.linalg.norm(normal)
-            is_low = len(rings[0]) > 0 and float(rings[0][:, 2].mean()) < low + GROUND_REACH
+            is_low = float(rings[0][:, 2].mean()) < low + GROUND_REACH
             kind = "WallSurface" if is_wall else "GroundSurface" if is_low else "RoofSurface"
         if kind == "RoofSurface":
             normal = normal_of(rings[0])

@@ -33,7 +33,7 @@ def normal_of(ring: np.ndarray) -> np.ndarray:
     Source: M. E. Newell's method, I. Sutherland et al., A Characterization of Ten Hidden-Surface Algorithms, ACM
     Computing Surveys 6 (1974), appendix.
     """
-    near = ring - ring[0]
+    near = ring - ring[:1]
     return np.cross(near, np.roll(near, -1, axis=0)).sum(axis=0)
 
 

@@ -33,14 +33,12 @@ def place(where: str, points: np.ndarray, code: int) -> tuple[np.ndarray, list[s
 
     Args:
         where: File, for errors.
-        points: Coordinates in their system, shape [N, 3], N >= 1.
+        points: Finite coordinates in their system, shape [N, 3], N >= 1.
         code: EPSG code, 0 if unknown: x, y and z are meters then.
 
     Raises:
-        InputError: If a coordinate is not finite, or the points lie farther apart than a world may be.
+        InputError: If the system cannot be used, or a place is not on the earth.
     """
-    if not (np.abs(points) <= MAX_NUMBER_M).all():
-        raise InputError(f"{where}: a coordinate is not finite or beyond {MAX_NUMBER_M:g}; numbers are needed")
     degrees, notes = _degrees(where, points, code)
     if degrees is None:
         world, more = _shifted(points)
@@ -56,12 +54,24 @@ def place(where: str, points: np.ndarray, code: int) -> tuple[np.ndarray, list[s
     plan = np.column_stack([degrees[:, :2], np.zeros(len(degrees))])
     world = world_from_wgs84(plan, (latitude, longitude, 0.0))
     world[:, 2] = degrees[:, 2] - level
-    if np.abs(world).max() > MAX_COORDINATE_M:
-        raise InputError(
-            f"{where}: reaches {np.abs(world).max() / 1e3:.0f} km from its middle; {MAX_COORDINATE_M / 1e3:.0f} km or "
-            "less are needed; cut out a smaller area"
-        )
     return world, [*notes, f"origin: latitude {latitude:.6f}, longitude {longitude:.6f} deg, height {level:.2f} m"]
+
+
+def check_numbers(where: str, points: np.ndarray) -> None:
+    """Raise InputError for coordinates that are not finite, or too large to be computed with."""
+    bad = points[~(np.abs(points) <= MAX_NUMBER_M)]
+    if len(bad):
+        raise InputError(f"{where}: a coordinate is {bad[0]:g}; a number below {MAX_NUMBER_M:g} is needed; correct it")
+
+
+def check_reach(where: str, points: np.ndarray) -> None:
+    """Raise InputError for points of a world that lie too far from its origin for vertices in single precision."""
+    reach = float(np.abs(points).max(initial=0.0))
+    if reach > MAX_COORDINATE_M:
+        raise InputError(
+            f"{where}: reaches {reach / 1e3:.4g} km from the middle of the file; {MAX_COORDINATE_M / 1e3:.0f} km or "
+            "less are needed; correct it, or cut out a smaller area"
+        )
 
 
 def _degrees(where: str, points: np.ndarray, code: int) -> tuple[np.ndarray | None, list[str]]:
@@ -78,7 +88,7 @@ def _degrees(where: str, points: np.ndarray, code: int) -> tuple[np.ndarray | No
     import rasterio.warp
 
     try:
-        x, y = rasterio.warp.transform(f"EPSG:{code}", "EPSG:4326", points[:, 0].tolist(), points[:, 1].tolist())
+        x, y, *_ = rasterio.warp.transform(f"EPSG:{code}", "EPSG:4326", points[:, 0].tolist(), points[:, 1].tolist())
     except (rasterio.errors.RasterioError, ValueError) as error:
         raise InputError(f"{where}: EPSG:{code} cannot be used ({error}); correct the reference system") from None
     degrees = np.column_stack([y, x, points[:, 2]])

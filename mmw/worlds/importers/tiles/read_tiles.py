@@ -14,11 +14,11 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.worlds.importers.city.reference_system import place
+from mmw.worlds.importers.city.reference_system import check_numbers, check_reach, place
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MeshCollector, PrimNames
 from mmw.worlds.importers.mesh_files import MaterialCollector, load_glb, placed_meshes
-from mmw.worlds.importers.tiles.content import CURE, Model, models_of
+from mmw.worlds.importers.tiles.content import Model, models_of
 
 MAX_TILES = 100_000
 """Largest number of tiles of a tileset."""
@@ -82,6 +82,7 @@ def read_tiles(path: str | Path) -> ImportedScene:
     world, notes = place(str(path), every, code)
     meshes, starts = MeshCollector(), np.cumsum([len(points) for _, _, points, _, _ in found])[:-1]
     for (where, prim, _, faces, material), points in zip(found, np.split(world, starts), strict=True):
+        check_reach(where, points)
         meshes.add(where, prim, points, faces, material)
     if walk.left_out:
         notes.append("left out: " + ", ".join(f"{count} {kind}" for kind, count in sorted(walk.left_out.items())))
@@ -96,8 +97,7 @@ def _meshes(
     offset[:3, 3] = model.center
     scene = load_glb(model.glb, str(content.path))
     for node, prim, points, faces, mesh in placed_meshes(scene, folder, names, content.matrix @ offset):
-        if not np.isfinite(points).all():
-            raise InputError(f"{content.path}: {node}: a vertex is not finite; numbers are needed; {CURE}")
+        check_numbers(f"{content.path}: {node}", points)
         if len(faces) and len(points):
             yield f"{content.path}: {node}", prim, points, faces, materials.name_of(mesh)
 
@@ -128,15 +128,14 @@ def _walk_tileset(path: Path, matrix: np.ndarray, walk: _Walk, depth: int) -> No
 def _walk_tile(path: Path, tile: Any, matrix: np.ndarray, refine: str, walk: _Walk, name: str, depth: int) -> None:
     """Collect the contents of a tile: its own if children add to it or it has none, and those of its children."""
     walk.tiles += 1
-    if not isinstance(tile, dict) or walk.tiles > MAX_TILES or depth > MAX_DEPTH:
+    if not isinstance(tile, dict):
+        raise InputError(f"{path}: {name[-80:]} is no tile; an object with geometricError is needed; correct it")
+    if walk.tiles > MAX_TILES or depth > MAX_DEPTH:
         raise InputError(
-            f"{path}: {name[-80:]}: is no tile, or there are over {MAX_TILES:,} or {MAX_DEPTH} inside each other; "
-            "correct it, or give a smaller tileset"
+            f"{path}: {name[-80:]}: over {MAX_TILES:,} tiles, or {MAX_DEPTH} inside each other; give a smaller tileset"
         )
     if "implicitTiling" in tile:
-        raise InputError(
-            f"{path}: {name[-80:]}: implicit tiling is not read; write explicit tiles (npx 3d-tiles-tools convert)"
-        )
+        raise InputError(f"{path}: {name[-80:]}: implicit tiling is not read; give a tileset that lists its tiles")
     matrix = matrix @ _transform(tile, f"{path}: {name[-80:]}")
     refine = str(tile.get("refine", refine)).upper()
     children = tile.get("children") or []
