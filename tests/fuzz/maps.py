@@ -19,7 +19,7 @@ from tests.fixtures.city_files import citygml, write_cityjson
 from tests.fixtures.import_files import GROUND, HOUSE, write_glb, write_mitsuba, write_obj
 from tests.fixtures.osm_files import quarter
 from tests.fixtures.overture_files import HOUSES, write_overture
-from tests.fixtures.recordings import COMMONROAD, FCD, tracks_csv
+from tests.fixtures.recordings import COMMONROAD, FCD, lanelet_scenario, tracks_csv
 from tests.fixtures.tile_files import batched, box_glb, write_tileset
 from tests.fixtures.xodr_files import Plan, document, rise, road, street, t_town
 from tests.fuzz.cases import Step, call, command
@@ -62,6 +62,7 @@ class Maps:
         write_overture(folder / "buildings.parquet", HOUSES)
         for version, text in COMMONROAD.items():
             (folder / f"recorded_{version}.xml").write_text(text)
+        (folder / "lanelets.xml").write_text(lanelet_scenario())
         (folder / "recorded_fcd.xml").write_text(FCD)
         (folder / "recorded.csv").write_text(tracks_csv())
         pyarrow.parquet.write_table(pyarrow.csv.read_csv(folder / "recorded.csv"), folder / "recorded.parquet")
@@ -88,7 +89,9 @@ class Maps:
             return [call(f"read_trajectories({name!r})", lambda: read_trajectories(path))]
         (folder / "materials.yaml").write_text(MATERIALS)
         placed = []
-        if rng.random() < 0.2 and Path(name).suffix in (".xml", ".glb", ".gltf", ".obj", ".ply", ".stl", ".off"):
+        if rng.random() < 0.2 and (
+            name.startswith("mitsuba") or Path(name).suffix in (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
+        ):
             placed = [
                 "--unit",
                 rng.choice(("mm", "km")),
@@ -191,6 +194,7 @@ _MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "house.off": (_text,),
     "model.city.json": (_json, _json, _json, _text, mutate_bytes), "model.city.jsonl": (_json, _json, _text),
     "model.gml": _XML, "tiles/tileset.json": (_json, _json, _json, _text), "box.b3dm": (_header, mutate_bytes),
-    "buildings.parquet": (_values, _values, mutate_bytes), "recorded_2020a.xml": _XML, "recorded_2018b.xml": _XML,
+    "buildings.parquet": (_values, _values, mutate_bytes), "lanelets.xml": _XML, "recorded_2020a.xml": _XML,
+    "recorded_2018b.xml": _XML,
     "recorded_fcd.xml": _XML, "recorded.csv": (_text,), "recorded.parquet": (_values, mutate_bytes),
 }  # fmt: skip

@@ -104,7 +104,8 @@ def read_trajectories(path: Path) -> Recording:
             table, notes = read_xml_table(path)
         else:
             raise InputError(f"{path}: is no .parquet, .csv or .xml file; give one of them")
-    except (pa.ArrowException, OSError, EOFError, ElementTree.ParseError) as error:
+        _ = table.column_names  # decodes them
+    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError, ElementTree.ParseError) as error:
         raise InputError(f"{path}: cannot be read ({str(error).splitlines()[0]}); give an intact file") from None
     vehicles, left_out = [], Counter()
     for each in _split(_columns(table, path), path):

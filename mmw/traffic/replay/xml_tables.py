@@ -10,6 +10,9 @@ import pyarrow as pa
 
 from mmw.core.errors import InputError
 
+MAX_OFFSET = 10e3
+"""A scenario farther than this from the origin of its file gets an origin of its own [m]; as OpenDRIVE."""
+
 ROOTS = {"fcd-export": "SUMO's floating-car data", "commonRoad": "a CommonRoad scenario"}
 """Root element -> format."""
 
@@ -70,7 +73,7 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     step = _float(root.get("timeStepSize"), f"{path}: <commonRoad> timeStepSize")
-    vague = 0
+    vague, (x0, y0) = 0, lanelet_origin(root).tolist()
     for obstacle in (*root.findall("dynamicObstacle"), *root.findall("obstacle")):
         if obstacle.findtext("role", "dynamic").strip() != "dynamic":
             continue
@@ -84,8 +87,8 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
         for state in states:
             at = f"{where} <{state.tag}>"
             rows["t"].append(step * _exact(state, "time", at))
-            rows["x"].append(_float(state.findtext("position/point/x"), f"{at} position/point/x"))
-            rows["y"].append(_float(state.findtext("position/point/y"), f"{at} position/point/y"))
+            rows["x"].append(-x0 + _float(state.findtext("position/point/x"), f"{at} position/point/x"))
+            rows["y"].append(-y0 + _float(state.findtext("position/point/y"), f"{at} position/point/y"))
             is_turned = state.find("orientation") is not None
             rows["heading"].append(_exact(state, "orientation", at) if is_turned else np.nan)
             rows["id"].append(name)
@@ -99,6 +102,22 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
         )
     notes = [f"{path.name}: {vague} obstacles with areas as places, or no trajectory, were left out"] if vague else []
     return _table(rows), notes
+
+
+def lanelet_origin(root: ElementTree.Element) -> np.ndarray:
+    """Return the point of a CommonRoad file that becomes the origin of its world and its trajectories [m], shape [2].
+
+    It is (0, 0), unless the lanelets lie farther than `MAX_OFFSET` from there.
+    """
+    points = [[each.findtext("x"), each.findtext("y")] for each in root.iterfind("lanelet/leftBound/point")]
+    try:
+        xy = np.array(points, np.float64).reshape(-1, 2)
+    except (TypeError, ValueError):  # the reader of the lanelets names the place
+        return np.zeros(2)
+    if not len(xy) or not np.isfinite(xy).all():
+        return np.zeros(2)
+    middle = 0.5 * (xy.min(axis=0) + xy.max(axis=0))
+    return np.zeros(2) if np.abs(middle).max() < MAX_OFFSET else np.round(middle, -2)
 
 
 def _exact(state: ElementTree.Element, name: str, where: str) -> float:

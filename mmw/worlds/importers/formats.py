@@ -4,9 +4,11 @@ To add one to mmw: a function and an `Importer` below. Other packages use the en
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.parsers import expat
 
 from mmw.core.errors import InputError
 from mmw.core.registry import Registry, load_reference
@@ -30,6 +32,8 @@ class Importer:
     """Option -> its effect in one line. `up`, `unit`, `origin` and `strict` are flags of `mmw import` and reach the
     function as `up` (`y` or `z`), `unit_m` [m], `origin` [m], shape [3], and `strict`, true; others are given as
     `name=value` and stay text."""
+    root: str = ""
+    """Root element of its files, where several importers read files with one suffix, such as `.xml`."""
 
 
 _PLACED = {
@@ -40,7 +44,15 @@ _PLACED = {
 FLAGS = (*_PLACED, "strict")
 """Options that are flags of `mmw import`."""
 MITSUBA = Importer(
-    (".xml",), "mmw.worlds.importers.mitsuba.read_mitsuba:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED
+    (".xml",), "mmw.worlds.importers.mitsuba.read_mitsuba:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED,
+    root="scene",
+)  # fmt: skip
+COMMONROAD = Importer(
+    (".xml",),
+    "mmw.worlds.importers.commonroad:read_commonroad",
+    "CommonRoad: lanelets as roads and lanes (needs the extra author)",
+    {},
+    root="commonRoad",
 )
 MESHES = Importer(
     (".glb", ".gltf", ".obj", ".ply", ".stl", ".off"), "mmw.worlds.importers.mesh_files:read_meshes",
@@ -79,7 +91,18 @@ OVERTURE = Importer(
     {"parts": "file with the rows of type building_part"},
 )  # fmt: skip
 
-_NAMES = ("mitsuba", "meshes", "usd", "opendrive", "openstreetmap", "cityjson", "citygml", "tiles", "overture")
+_NAMES = (
+    "mitsuba",
+    "meshes",
+    "usd",
+    "opendrive",
+    "openstreetmap",
+    "commonroad",
+    "cityjson",
+    "citygml",
+    "tiles",
+    "overture",
+)
 IMPORTERS: Registry[Importer] = Registry(
     "mmw.importers",
     "importer",
@@ -112,10 +135,23 @@ def find_importer(path: Path, name: str = "") -> str:
         known = ", ".join(suffix for each in IMPORTERS.values() for suffix in each.suffixes)
         raise InputError(f"{path}: {path.suffix or 'a file without a suffix'} is not read; give one of {known}")
     found = [each for each, own in ending.items() if own == suffix]
+    if len(found) > 1 and all(IMPORTERS[each].root for each in found):
+        tag = root_tag(path)
+        found = [each for each in found if IMPORTERS[each].root == tag] or found[:1]
     if len(found) > 1:
         owners = " and ".join(f"{each} of {IMPORTERS.owner(each)}" for each in found)
         raise InputError(f"{path}: {suffix} is read by {owners}; choose one with --importer, or remove the other")
     return found[0]
+
+
+def root_tag(path: Path) -> str:
+    """Return the name of the first element of an XML file, without its namespace; empty if there is none."""
+    parser, found = expat.ParserCreate(), []
+    parser.StartElementHandler = lambda tag, _: found.append(tag)
+    with suppress(OSError, expat.ExpatError, ValueError, LookupError), path.open("rb") as file:
+        while not found and (data := file.read(4096)):
+            parser.Parse(data)
+    return found[0].rpartition(":")[2] if found else ""
 
 
 def read_scene(path: Path, name: str = "", **options: Any) -> ImportedScene:
