@@ -10,7 +10,7 @@ import pytest
 from mmw.__main__ import main
 from mmw.core.mesh import TriangleMesh, merge
 from mmw.worlds.importers.city.polygons import normal_of, triangulate
-from mmw.worlds.importers.city.reference_system import epsg_code, place
+from mmw.worlds.importers.city.reference_system import ReferenceSystem, place, reference_system
 from mmw.worlds.importers.formats import find_importer, read_scene
 from mmw.worlds.importers.imported_scene import ImportedScene
 from tests.fixtures import city_files
@@ -140,28 +140,30 @@ def test_reference_systems_have_names_in_several_styles():
     names = ("urn:ogc:def:crs,crs:EPSG::25832,crs:EPSG::5783", "https://www.opengis.net/def/crs/EPSG/0/7415",
              "EPSG:4979", "urn:ogc:def:crs:EPSG:6.12:31467", "http://www.opengis.net/gml/srs/epsg.xml#25833",
              "urn:adv:crs:ETRS89_UTM33*DE_DHHN2016_NH", "local")  # fmt: skip
-    assert [epsg_code(name) for name in names] == [25832, 7415, 4979, 31467, 25833, 25833, 0]
+    assert [reference_system(name).code for name in names] == [25832, 7415, 4979, 31467, 25833, 25833, 0]
 
 
 def test_degrees_become_meters_east_and_north():
     """Closed form: radii of curvature of WGS-84 at 48 deg, 6,384,000 m east-west and 6,370,900 m north-south."""
     step = 1e-3
     degrees = np.array([[48.0, 11.0, 500.0], [48.0 + step, 11.0, 510.0], [48.0, 11.0 + step, 500.0]])
-    world, notes = place("f", degrees, 4979)
+    world, notes = place("f", degrees, ReferenceSystem(4979))
     e2, s = 6.69437999014e-3, np.sin(np.radians(48.0 + 0.5 * step))
     north = 6378137.0 * (1 - e2) / (1 - e2 * s**2) ** 1.5 * np.radians(step)
     east = 6378137.0 / np.sqrt(1 - e2 * np.sin(np.radians(48.0)) ** 2) * np.cos(np.radians(48.0)) * np.radians(step)
     assert (world[1] - world[0])[:2] == pytest.approx([0.0, north], abs=2e-3)
     assert (world[2] - world[0])[:2] == pytest.approx([east, 0.0], abs=2e-3)
     assert world[:, 2] == pytest.approx([0.0, 10.0, 0.0])
-    assert notes == ["origin: latitude 48.000500, longitude 11.000500 deg, height 500.00 m"]
+    swapped, same = place("f", degrees[:, [1, 0, 2]], reference_system("EPSG:4979"))
+    assert np.array_equal(swapped, world)
+    assert notes == same == ["origin: latitude 48.000500, longitude 11.000500 deg, height 500.00 m"]
 
 
 def test_a_projected_system_has_its_origin_on_the_earth():
     """On the central meridian of a UTM zone north is up and the scale is 0.9996."""
     pytest.importorskip("rasterio")
     points = np.array([[499_990.0, 5_300_000.0, 0.0], [500_010.0, 5_300_000.0, 0.0], [500_000.0, 5_300_030.0, 5.0]])
-    world, notes = place("f", points, 32632)
+    world, notes = place("f", points, reference_system("urn:ogc:def:crs:EPSG::32632"))
     assert (world[1] - world[0])[:2] == pytest.approx([20.0 / 0.9996, 0.0], abs=1e-4)
     middle = 0.5 * (world[0] + world[1])
     assert (world[2] - middle) == pytest.approx([0.0, 30.0 / 0.9996, 5.0], abs=1e-4)

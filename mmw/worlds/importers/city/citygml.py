@@ -13,7 +13,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.worlds.importers.city.collector import CityCollector, Rings
-from mmw.worlds.importers.city.reference_system import epsg_code
+from mmw.worlds.importers.city.reference_system import reference_system
 from mmw.worlds.importers.city.surface_types import MATERIALS, OPEN
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.xml_nodes import XmlNode, read_xml
@@ -72,7 +72,7 @@ def read_citygml(path: str | Path, *, lod: str = "") -> ImportedScene:
                 empty += not surfaces
     if empty:
         collector.notes.append(f"{empty} objects without surfaces of this level of detail were left out")
-    return collector.build(epsg_code(references[0]) if references else 0)
+    return collector.build(reference_system(references[0] if references else ""))
 
 
 def _objects(

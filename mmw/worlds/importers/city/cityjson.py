@@ -15,7 +15,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.worlds.importers.city.collector import CityCollector, Rings
-from mmw.worlds.importers.city.reference_system import epsg_code
+from mmw.worlds.importers.city.reference_system import reference_system
 from mmw.worlds.importers.imported_scene import ImportedScene
 
 LEVELS = {"MultiSurface": 0, "CompositeSurface": 0, "Solid": 1, "MultiSolid": 2, "CompositeSolid": 2}
@@ -74,7 +74,7 @@ def read_cityjson(path: str | Path, *, lod: str = "") -> ImportedScene:
                 collector.add(name, each["type"], surfaces)
     if skipped:
         collector.notes.append(f"{skipped} objects with footprints, points or lines only were left out")
-    return collector.build(epsg_code(reference) if isinstance(reference, str) else 0)
+    return collector.build(reference_system(reference if isinstance(reference, str) else ""))
 
 
 def _documents(path: Path) -> list[dict[str, Any]]:

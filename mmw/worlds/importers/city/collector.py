@@ -12,7 +12,7 @@ from mmw.core.errors import InputError
 from mmw.core.mesh import compact
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.importers.city.polygons import normal_of, triangulate
-from mmw.worlds.importers.city.reference_system import check_numbers, check_reach, place
+from mmw.worlds.importers.city.reference_system import ReferenceSystem, check_numbers, check_reach, place
 from mmw.worlds.importers.city.surface_types import (
     BUILDING,
     CLASSES,
@@ -97,11 +97,11 @@ class CityCollector:
             each.polygons, each.types = [rings for rings, _ in kept], [kind for _, kind in kept]
             self._objects.append(each)
 
-    def build(self, code: int, notice: str = "") -> ImportedScene:
+    def build(self, system: ReferenceSystem, notice: str = "") -> ImportedScene:
         """Return the scene.
 
         Args:
-            code: EPSG code of the coordinates, 0 if unknown.
+            system: Reference system of the coordinates.
             notice: As `ImportedScene.notice`.
 
         Raises:
@@ -110,7 +110,7 @@ class CityCollector:
         if not self._objects:
             kinds = f" (only {', '.join(sorted(self._left_out))})" if self._left_out else ""
             raise InputError(f"{self.path}: holds no city object with surfaces{kinds}; give a file with buildings")
-        self._to_world(code)
+        self._to_world(system)
         found = triangulate([rings for each in self._objects for rings in each.polygons])
         starts = np.cumsum([0, *(len(each.polygons) for each in self._objects)])
         rows = np.searchsorted(found.owner, starts)
@@ -144,11 +144,11 @@ class CityCollector:
         foreign = {"water": WATER} if any(part.material == "water" for part in parts) else {}
         return ImportedScene(parts, foreign, None, tuple(notes), notice=notice)
 
-    def _to_world(self, code: int) -> None:
+    def _to_world(self, system: ReferenceSystem) -> None:
         for each in self._objects:
             check_numbers(f"{self.path}: {each.name}", each.points)
         rings = [ring for each in self._objects for polygon in each.polygons for ring in polygon]
-        world, notes = place(str(self.path), np.concatenate(rings), code)
+        world, notes = place(str(self.path), np.concatenate(rings), system)
         self.notes += notes
         placed = iter(np.split(world, np.cumsum([len(ring) for ring in rings])[:-1]))
         for each in self._objects:

@@ -1,6 +1,7 @@
 """Place points of a coordinate reference system in the world: x east, y north, z up, meters from an origin."""
 
 import re
+from dataclasses import dataclass
 from importlib.util import find_spec
 
 import numpy as np
@@ -18,35 +19,45 @@ GEOCENTRIC = (4978,)
 """EPSG codes of earth-centered, earth-fixed systems [m]."""
 
 
-def epsg_code(text: str) -> int:
-    """Return the horizontal EPSG code of a name such as `urn:ogc:def:crs:EPSG::25832`; 0 if it has none.
+@dataclass(frozen=True)
+class ReferenceSystem:
+    """A coordinate reference system, as far as it is known."""
 
-    Models of German states have names such as `urn:adv:crs:ETRS89_UTM32*DE_DHHN2016_NH` (AdV), in zone 32 EPSG:25832.
+    code: int = 0
+    """Horizontal EPSG code; 0 if unknown: x, y and z are meters then."""
+    is_longitude_first: bool = False
+    """Whether degrees come as longitude, latitude, against the registry."""
+
+
+def reference_system(text: str) -> ReferenceSystem:
+    """Return the system of a name such as `urn:ogc:def:crs:EPSG::25832`.
+
+    Short names (`EPSG:4979`) have longitudes first, as in GML 2 and in most programs. Models of German states have
+    names such as `urn:adv:crs:ETRS89_UTM32*DE_DHHN2016_NH` (AdV), in zone 32 EPSG:25832.
     """
     found = re.search(r"EPSG(?:\.xml#|[:/](?:[\d.]*[:/])?)(\d{4,6})", text, re.IGNORECASE)
     zone = re.search(r"ETRS89_UTM(\d\d)", text)
-    return int(found[1]) if found else 25800 + int(zone[1]) if zone else 0
+    code = int(found[1]) if found else 25800 + int(zone[1]) if zone else 0
+    return ReferenceSystem(code, text.strip().upper().startswith("EPSG:"))
 
 
-def place(where: str, points: np.ndarray, code: int) -> tuple[np.ndarray, list[str]]:
+def place(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[np.ndarray, list[str]]:
     """Return points in the world and notes on its origin: the middle of the points, on the height of the lowest one.
 
     Args:
         where: File, for errors.
         points: Finite coordinates in their system, shape [N, 3], N >= 1.
-        code: EPSG code, 0 if unknown: x, y and z are meters then.
+        system: Their system.
 
     Raises:
         InputError: If the system cannot be used, or a place is not on the earth.
     """
-    degrees, notes = _degrees(where, points, code)
+    degrees, notes = _degrees(where, points, system)
     if degrees is None:
         world, more = _shifted(points)
         return world, [*notes, *more]
     if (np.abs(degrees[:, :2]) > [90.0, 180.0]).any():
-        raise InputError(
-            f"{where}: a place of EPSG:{code} is not on the earth; latitude and longitude are needed first"
-        )
+        raise InputError(f"{where}: a place of EPSG:{system.code} is not on the earth; correct coordinates or system")
     low, high = degrees.min(axis=0), degrees.max(axis=0)
     latitude, longitude = np.round(0.5 * (low + high)[:2], 6).tolist()
     level = round(float(low[2]), 2)
@@ -74,10 +85,11 @@ def check_reach(where: str, points: np.ndarray) -> None:
         )
 
 
-def _degrees(where: str, points: np.ndarray, code: int) -> tuple[np.ndarray | None, list[str]]:
+def _degrees(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[np.ndarray | None, list[str]]:
     """Return latitude, longitude [deg] and height [m], shape [N, 3]; None for a plane system that is not known."""
+    code = system.code
     if code in LATITUDE_FIRST:
-        return points, []
+        return points[:, [1, 0, 2]] if system.is_longitude_first else points, []
     if code in GEOCENTRIC:
         return geodetic_from_ecef(points), []
     if not code:

@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.worlds.importers.city.reference_system import check_numbers, check_reach, place
+from mmw.worlds.importers.city.reference_system import ReferenceSystem, check_numbers, check_reach, place
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MeshCollector, PrimNames
 from mmw.worlds.importers.mesh_files import MaterialCollector, load_glb, placed_meshes
@@ -78,8 +78,8 @@ def read_tiles(path: str | Path) -> ImportedScene:
         kinds = f" (only {', '.join(sorted(walk.left_out))})" if walk.left_out else ""
         raise InputError(f"{path}: holds no mesh{kinds}; give tiles with b3dm or glb contents")
     every = np.concatenate([points for _, _, points, _, _ in found])
-    code = 4978 if np.linalg.norm(every, axis=1).min() > EARTH else 0
-    world, notes = place(str(path), every, code)
+    system = ReferenceSystem(4978 if np.linalg.norm(every, axis=1).min() > EARTH else 0)
+    world, notes = place(str(path), every, system)
     meshes, starts = MeshCollector(), np.cumsum([len(points) for _, _, points, _, _ in found])[:-1]
     for (where, prim, _, faces, material), points in zip(found, np.split(world, starts), strict=True):
         check_reach(where, points)
