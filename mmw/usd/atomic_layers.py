@@ -10,11 +10,12 @@ from pxr import Sdf, Tf
 from mmw.core.temp_files import temporary_path
 
 
-def save_layers(layers: Mapping[Path, Sdf.Layer]) -> None:
+def save_layers(layers: Mapping[Path, Sdf.Layer], files: Mapping[Path, bytes] | None = None) -> None:
     """Write layers that belong together: no file is replaced before all of them are on the disk.
 
     Args:
         layers: File -> layer. Folders are made; a layer may be anonymous.
+        files: Other files that belong to them, such as textures, and their content.
 
     Raises:
         OSError: If one cannot be written; the files that were there before stay.
@@ -25,6 +26,11 @@ def save_layers(layers: Mapping[Path, Sdf.Layer]) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             temporaries[path] = temporary_path(path, path.suffix)  # the suffix tells USD the format
             _export(layer, temporaries[path], path)
+        for path, data in (files or {}).items():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            temporaries[path] = temporary_path(path, path.suffix)
+            temporaries[path].write_bytes(data)
+            _sync(temporaries[path])
         for path, temporary in temporaries.items():
             temporary.replace(path)
     finally:
@@ -43,8 +49,12 @@ def _export(layer: Sdf.Layer, temporary: Path, path: Path) -> None:
         raise OSError(code, os.strerror(code), str(path)) from None
     if not is_written:
         raise OSError(errno.EIO, os.strerror(errno.EIO), str(path))
-    with temporary.open("rb+") as file:
-        os.fsync(file.fileno())
+    _sync(temporary)
+
+
+def _sync(file: Path) -> None:
+    with file.open("rb+") as opened:
+        os.fsync(opened.fileno())
 
 
 def reload_layer(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,16 @@ from pxr import Kind, Usd, UsdGeom, UsdShade
 
 from mmw.__main__ import main as mmw
 from mmw.cli.import_scene import main
+from mmw.config import load_config
+from mmw.core.resources import assets_dir
 from mmw.physics.materials.material import RadioMaterial
+from mmw.scene.input_files import hash_inputs
+from mmw.scene.stage.asset_copies import dependencies
+from mmw.storage.identity import changed_inputs
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.lane_prims import read_lanes
 from mmw.usd import atomic_layers as save
+from mmw.usd.materials import MaterialUse, read_material
 from mmw.usd.validate import validate_stage
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.write_asset import asset_files, write_scene
@@ -136,6 +143,51 @@ def test_lanes_are_written(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
     printed = capsys.readouterr().out
     assert "lanes: 1" in printed
     assert "traffic: {vehicle_count: 20, spawn_center_m: [-9, 0, 0]}" in printed
+
+
+def test_a_world_is_a_folder_that_opens_anywhere(glb: tuple[Path, Path], tmp_path: Path) -> None:
+    file, materials = glb
+    assert main([str(file), "--out", str(tmp_path / "town"), "--materials", str(materials)]) == 0
+    place = shutil.copytree(tmp_path / "town", tmp_path / "elsewhere" / "town")
+    shutil.rmtree(tmp_path / "town")
+    found = dependencies(place / "my_world.usda")
+    assert (found.missing, found.is_movable) == ([], True)
+    names = {path.relative_to(place.resolve()).as_posix() for path in found.files}
+    textures = {f"my_world_materials/textures/{name}.png" for name in ("asphalt", "asphalt_normal")}
+    assert names == {"my_world.usda", "my_world_geometry.usdc", "my_world_materials/materials.usda", *textures}
+    assert {path for path in place.rglob("*") if path.is_file()} == {place / name for name in names}
+    stage = Usd.Stage.Open(str(place / "my_world.usda"))
+    assert validate_stage(stage) == []
+    shipped = Usd.Stage.Open(str(assets_dir() / "materials" / "materials.usda"))
+    use = MaterialUse("asphalt", "/Town/Materials/asphalt", None)
+    original = MaterialUse("asphalt", "/Materials/asphalt", None)
+    for physics in ("paper", "standard"):  # `standard` asks whether a material is one of the library
+        copied = read_material(stage, use, physics=physics)
+        other = read_material(shipped, original, physics=physics)
+        assert (copied.radio, copied.radar_radio) == (other.radio, other.radar_radio)
+        pictures = [[Path(texture.file).name for texture in one.appearance.textures] for one in (copied, other)]
+        assert pictures[0] == pictures[1]
+
+
+def test_another_import_under_a_dataset_is_told(glb: tuple[Path, Path], tmp_path: Path) -> None:
+    file, materials = glb
+    (tmp_path / "c.yaml").write_text("scenarios: [{name: s, stage: town/my_world.usda}]\n")
+
+    def hashed(*options: str) -> dict[str, dict[str, str]]:
+        command = [str(file), "--out", str(tmp_path / "town"), "--materials", str(materials), *options]
+        assert main([*command, "--overwrite"]) == 0
+        return hash_inputs(load_config(tmp_path / "c.yaml"), tmp_path)
+
+    first = hashed()
+    assert len(first["s"]) == 5
+    assert changed_inputs({"inputs": first}, hashed()) == []
+    moved = changed_inputs({"inputs": first}, hashed("--origin", "1", "0", "0"))
+    assert "s: my_world_geometry.usdc has changed" in moved
+    hashed()
+    texture = tmp_path / "town" / "my_world_materials" / "textures" / "asphalt.png"
+    texture.write_bytes(texture.read_bytes() + b"0")
+    after = hash_inputs(load_config(tmp_path / "c.yaml"), tmp_path)
+    assert changed_inputs({"inputs": first}, after) == ["s: my_world_materials/textures/asphalt.png has changed"]
 
 
 def test_labels_stand_as_high_as_they_hold(tmp_path: Path) -> None:

@@ -1,25 +1,25 @@
 """Write an imported scene as a town asset: an interface layer with weather variants over a payload with the geometry.
 
-Materials of the library come by reference, materials of the source are written into the payload, so that a weather
-variant of the interface layer can override both.
+Materials of the library come by reference to a copy beside the asset, materials of the source are written into the
+payload, so that a weather variant of the interface layer can override both. The asset needs no file of another folder.
 """
 
-import os
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pxr import Kind, Sdf, Usd, UsdGeom
 
 from mmw.core.errors import InputError
-from mmw.core.resources import assets_dir
 from mmw.traffic.roads.lane_prims import write_lanes
 from mmw.usd import schema
 from mmw.usd.atomic_layers import save_layers
-from mmw.usd.material_library import LIBRARY, MaterialSpec
+from mmw.usd.material_library import LIBRARY, LIBRARY_FILE, MaterialSpec
+from mmw.usd.material_library import ROOT as LIBRARY_ROOT
 from mmw.usd.notices import write_notice
 from mmw.usd.prim_specs import new_mesh, new_prim, set_label
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
+from mmw.worlds.importers.material_copies import copy_materials
 from mmw.worlds.materials.library import write_material
 from mmw.worlds.towns.block_description import SHIPPED_WEATHER
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -58,7 +58,10 @@ def write_scene(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write an interface layer and its payload, `<name>_geometry.usdc`: both or none, the same input the same bytes.
+    """Write an interface layer and what it needs, all of it or nothing; the same input gives the same bytes.
+
+    These are the payload, `<name>_geometry.usdc`, and, where materials of the library are used, a copy of these and of
+    their textures in `<name>_materials/`. All paths are relative.
 
     Args:
         scene: The scene, after `check_scene` and `apply_material_map`.
@@ -75,10 +78,16 @@ def write_scene(
     """
     schema.register()
     path, payload = asset_files(out, name)
-    for file in (path, payload):
+    materials = path.with_name(f"{path.stem}_materials") / LIBRARY_FILE
+    layers, textures = {payload: _geometry(scene)}, {}
+    if library := sorted({part.material for part in scene.parts if part.material not in scene.materials}):
+        layers[materials], files = copy_materials(library)
+        textures = {materials.parent / file: data for file, data in files.items()}
+    layers[path] = _interface(scene, payload.name, f"{materials.parent.name}/{materials.name}", library, name)
+    for file in (*layers, *textures):
         if file.exists() and not overwrite:
             raise InputError(f"{file}: is there already; give --overwrite to replace it, or another --out")
-    save_layers({payload: _geometry(scene), path: _interface(scene, path, payload, name)})
+    save_layers(layers, textures)
     return path
 
 
@@ -183,14 +192,12 @@ def _kind(node: _Node, depth: int, components: Collection[str]) -> str:
     return Kind.Tokens.group if depth == 1 or has_components else Kind.Tokens.component
 
 
-def _interface(scene: ImportedScene, path: Path, payload: Path, name: str) -> Sdf.Layer:
-    """Return the layer that users refer to, with its library materials."""
-    library = sorted({part.material for part in scene.parts if part.material not in scene.materials})
+def _interface(scene: ImportedScene, payload: str, materials: str, library: Sequence[str], name: str) -> Sdf.Layer:
+    """Return the layer that users refer to, with its materials of the library, which are in the file `materials`."""
     wet = [material for material in GROUND_MATERIALS if material in library]
-    layer = interface_layer(name, scene.parts, payload.name, SHIPPED_WEATHER, wet)
+    layer = interface_layer(name, scene.parts, payload, SHIPPED_WEATHER, wet)
     write_notice(layer, scene.notice)
-    source = Path(os.path.relpath(assets_dir() / "materials" / "materials.usda", path.parent)).as_posix()
     for material in library:
         spec = new_prim(layer, ROOT.AppendPath(f"Materials/{material}"), "Material")
-        spec.referenceList.Prepend(Sdf.Reference(source, f"/Materials/{material}"))
+        spec.referenceList.Prepend(Sdf.Reference(f"./{materials}", f"{LIBRARY_ROOT}/{material}"))
     return layer
