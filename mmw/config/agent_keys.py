@@ -1,6 +1,6 @@
 """Choose agents: by their names, models, classes or roles."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Annotated, NamedTuple
 
@@ -32,8 +32,30 @@ MODEL, LABEL = "model:", "label:"
 """Prefixes of keys that go by the model and the semantic class of an agent."""
 
 
+class Body(NamedTuple):
+    """Sides of the body of an agent, in the agent's frame: mounts can start from there."""
+
+    front: float
+    """x of its foremost point [m]."""
+    rear: float
+    """x of its rearmost point [m]."""
+    left: float
+    """y of its left side [m]."""
+    right: float
+    """y of its right side [m]."""
+    roof: float
+    """z of its highest point [m]."""
+
+    @classmethod
+    def of_box(cls, size: Sequence[float], center: Sequence[float]) -> "Body | None":
+        """Return the body in a box of a length, a width and a height around a middle [m]; None for a box of no size."""
+        x, y, z = (0.5 * length for length in size)
+        own = cls(center[0] + x, center[0] - x, center[1] + y, center[1] - y, center[2] + z)
+        return own if any(size) else None
+
+
 class AgentIdentity(NamedTuple):
-    """Role, name, model and class of an actor: each can choose it."""
+    """Role, name, model and class of an actor: each can choose it. And its body."""
 
     role: str
     name: str
@@ -41,6 +63,8 @@ class AgentIdentity(NamedTuple):
     """Vehicle model, such as `city_bus`; empty if it is not known."""
     label: str = ""
     """Semantic class, such as `bus`; empty if it is not known."""
+    body: Body | None = None
+    """None if it has none, or if it is not known."""
 
     @property
     def keys(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from mmw.config.agent_keys import AGENT_ROLES, ROLE_MOUNTS, AgentKey
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, Mounted, mounts_at
+from mmw.config.sensor import ON_ROOF, MountConfig, Mounted, mounts_at
 
 
 class AntennaConfig(Mounted):
@@ -22,7 +22,7 @@ class AntennaConfig(Mounted):
     on: tuple[AgentKey, ...] = Field(
         default=AGENT_ROLES, description="agents that carry it, as `on` of sensors; all by default (list)"
     )
-    mount: dict[AgentKey, MountConfig] = mounts_at(**ROLE_MOUNTS)
+    mount: dict[AgentKey, MountConfig] = mounts_at(ON_ROOF, **ROLE_MOUNTS)
     pattern: Literal["dipole", "iso", "hw_dipole", "tr38901"] = Field(
         default="dipole",
         description="element pattern; `tr38901` is a sector that looks along the mount's x, 65 degrees wide (name)",

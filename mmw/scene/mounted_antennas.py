@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.config.agent_keys import Body
 from mmw.config.antennas import AntennaConfig
 from mmw.core.kinematics import differentiate_rows
 from mmw.core.transforms import normalize, pose_from_mount, quaternion_to_matrix
@@ -27,9 +28,11 @@ class RadioDevices:
         return RadioDevices(self.position[rows], self.rotation[rows], self.velocity[rows])
 
 
-def antenna_pose(antenna: AntennaConfig, role: str, name: str, model: str = "", label: str = "") -> np.ndarray:
+def antenna_pose(
+    antenna: AntennaConfig, role: str, name: str, model: str = "", label: str = "", body: Body | None = None
+) -> np.ndarray:
     """Return the antenna-to-actor pose of an antenna on an actor, shape [7]."""
-    mount = antenna.mount_on(role, name, model, label)
+    mount = antenna.mount_on(role, name, model, label, body)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mmw.config.agent_keys import AgentIdentity
+from mmw.config.agent_keys import AgentIdentity, Body
 from mmw.config.foliage import FoliageModel
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.frame_rate import pose_stride
@@ -106,8 +106,8 @@ class Actor:
 
     @property
     def identity(self) -> AgentIdentity:
-        """Role, name, model and class: what sensors choose agents by, see `SensorConfig.is_on`."""
-        return AgentIdentity(self.role, self.name, self.model_name, self.label)
+        """Role, name, model, class and body: what sensors choose agents by, see `SensorConfig.is_on`."""
+        return AgentIdentity(self.role, self.name, self.model_name, self.label, Body.of_box(self.size, self.center))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config import SensorConfig
+from mmw.config.agent_keys import Body
 from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
 from mmw.core.random_keys import random_keys
@@ -82,9 +83,11 @@ def sensor_actors(arrays: SceneData, sensor: SensorConfig) -> np.ndarray:
     return np.array(found, dtype=np.int32)
 
 
-def mount_pose(sensor: SensorConfig, role: str, name: str, model: str = "", label: str = "") -> np.ndarray:
+def mount_pose(
+    sensor: SensorConfig, role: str, name: str, model: str = "", label: str = "", body: Body | None = None
+) -> np.ndarray:
     """Return the sensor-to-actor pose of a sensor on an actor, shape [7]; see `SensorConfig.mount_on`."""
-    mount = sensor.mount_on(role, name, model, label)
+    mount = sensor.mount_on(role, name, model, label, body)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 

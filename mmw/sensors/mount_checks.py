@@ -47,13 +47,16 @@ def check_mounts(scene: DeviceScene, config: Config) -> None:
         scene.load_batch([arrays.frames[row]])
         pose = make_pose(poses[row, index, :3], normalize(poses[row, index, 3:]))
         around = enclosing_objects(scene, transform_points(pose, np.array(list(places.values()))))
+        at = ", ".join(f"{part:.1f}" for part in pose[:3])
+        kind = f", a {actor.model_name or actor.label}," if actor.model >= 0 else ""
         for (name, position), object_id in zip(places.items(), around, strict=True):
             if object_id >= 0 and not (name in config.channel.antenna_names and object_id in passable):
                 inside = inside_words(arrays, object_id, actor.object_id, arrays.frames[row])
-                problems.append(
-                    f"{actor.name}: {name} at {position} m {inside}; "
-                    f"raise or move {'the unit or ' if actor.role in FIXED_ROLES else ''}its mount"
-                )
+                cure = f"raise or move {'the unit or ' if actor.role in FIXED_ROLES else ''}its mount"
+                if object_id == actor.object_id:
+                    cure += f", as in mount: {{{actor.name}: {{position_m: [0, 0, 1], relative_to: roof}}}}"
+                whole = f"the agent{kind} is at ({at}) m in the world"
+                problems.append(f"{actor.name}: {name} at {position} m {inside}; {whole}; {cure}")
     if problems:
         raise InputError("\n  ".join(problems))
 

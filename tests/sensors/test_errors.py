@@ -186,7 +186,7 @@ def test_a_sensor_inside_a_mesh_is_refused(own_world: Path, kind: str, capsys: p
     (line,) = capsys.readouterr().err.splitlines()
     name = "front" if kind == "rgb" else kind
     assert line.startswith(f"mmw: Ego: {name} at (0.0, 0.0, 0.5) m is inside its own body in frame 0; ")
-    assert line.endswith("raise or move its mount")
+    assert line.endswith("raise or move its mount, as in mount: {Ego: {position_m: [0, 0, 1], relative_to: roof}}")
 
 
 @pytest.mark.parametrize(

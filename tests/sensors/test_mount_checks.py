@@ -63,6 +63,8 @@ def test_a_sensor_in_its_own_body_or_a_house_is_refused(device: str) -> None:
         check_mounts(scene, configured([Lidar(), DepthCamera(mount=high)]))
     first, second = str(caught.value).split("\n")
     assert "cav_1: lidar at (0.0, 0.0, 2.5) m is inside its own body in frame 0" in first
+    assert "the agent, a car, is at (0.0, -20.0, 0.0) m in the world" in first
+    assert "raise or move its mount, as in mount: {cav_1: {position_m: [0, 0, 1], relative_to: roof}}" in first
     assert "rsu_1: lidar" in second and "Buildings/house (building)" in second and "the unit or its mount" in second
     with pytest.raises(ValueError, match="antenna at"):
         check_mounts(scene, configured([], enabled=True))

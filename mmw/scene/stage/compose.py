@@ -19,7 +19,7 @@ import numpy as np
 from pxr import Sdf
 
 from mmw.config import SensorConfig
-from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity
+from mmw.config.agent_keys import AGENT_ROLES, AgentIdentity, Body
 from mmw.config.antennas import AntennaConfig
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
@@ -98,7 +98,9 @@ def compose_scenario(
         for track in tracks:
             _write_actor(layer, track, models[track.model], shape_of[track.model])
             if track.role in AGENT_ROLES:
-                agent = AgentIdentity(track.role, track.name, track.model, models[track.model].label)
+                model = models[track.model]
+                body = Body.of_box((model.length, model.width, model.height), model.center)
+                agent = AgentIdentity(track.role, track.name, track.model, model.label, body)
                 path_of = f"/World/Actors/{track.name}"
                 write_sensors(layer, path_of, agent, sensors, antennas, rate_hz)
         for role, units in (("rsu", rsus), ("bs", base_stations)):

@@ -176,7 +176,7 @@ def _check_places(data: SensorInput, place: np.ndarray, config: Gnss) -> None:
             x, y, z = place[row]
             raise InputError(
                 f"{actor.name}: {config.name} at ({x:g}, {y:g}, {z:g}) m in the world {where}; mount it above the "
-                f"body, as in mount: {{{actor.role}: {{position_m: [0, 0, 2.6]}}}}"
+                f"body, as in mount: {{{actor.role}: {{position_m: [0, 0, 1], relative_to: roof}}}}"
             )
 
 

@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from mmw.config.agent_keys import AgentKey
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, SensorConfig, mounts_at
+from mmw.config.sensor import ON_ROOF, MountConfig, SensorConfig, mounts_at
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.sensors.lidar.config_parts import CarlaLidarConfig, LidarOpticsConfig, LidarPreset
@@ -23,7 +23,7 @@ class Lidar(SensorConfig):
     type: Literal["lidar"] = "lidar"
     name: Name = Field(default="lidar", description="sensor name (name)")
     on: tuple[AgentKey, ...] = Field(default=("cav", "rsu"), description="agents that carry it (list)")
-    mount: dict[AgentKey, MountConfig] = mounts_at(cav=(0, 0, 2.5), rsu=(0, 0, 4.0))
+    mount: dict[AgentKey, MountConfig] = mounts_at(ON_ROOF, cav=(0, 0, 2.5), rsu=(0, 0, 4.0))
     mode: Literal["carla", "physical"] = Field(
         default="physical", description="CARLA's LiDAR, or materials, weather and a link budget (name)"
     )

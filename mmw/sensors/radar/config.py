@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from mmw.config.agent_keys import AgentKey
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig, SensorConfig, mounts_at
+from mmw.config.sensor import MountConfig, SensorConfig, at_side, mounts_at
 from mmw.core.constants import FRAME_DT, SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 
@@ -35,7 +35,7 @@ class Radar(SensorConfig):
     type: Literal["radar"] = "radar"
     name: Name = Field(default="radar", description="sensor name (name)")
     on: tuple[AgentKey, ...] = Field(default=("rsu",), description="agents that carry it (list)")
-    mount: dict[AgentKey, MountConfig] = mounts_at(rsu=(0, 0, 4.1), cav=(2.5, 0, 0.6))
+    mount: dict[AgentKey, MountConfig] = mounts_at(at_side("front", 0.6), rsu=(0, 0, 4.1), cav=(2.5, 0, 0.6))
     mode: Literal["carla", "physical"] = Field(default="physical", description="CARLA's radar, or a link budget (name)")
     output: Literal["detections", "dense"] = Field(
         default="detections", description="in `physical`: what is detected, or every ray that hits something (name)"

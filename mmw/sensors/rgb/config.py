@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 from mmw.config.agent_keys import AgentKey
 from mmw.config.lens import WIDEST_DEG, LensConfig, check_lens
 from mmw.config.section import Name
-from mmw.config.sensor import MountConfig
+from mmw.config.sensor import LARGE_VEHICLES, MountConfig, at_side
 from mmw.sensors.camera_group.camera_config import CameraConfig
 from mmw.sensors.render.image_config import ImageConfig
 
@@ -65,11 +65,13 @@ def paper_cameras() -> tuple[RgbCamera, ...]:
 
     Source: Multimodal-Wireless generator, `config.yaml`, with y to the left and yaw counter-clockwise.
     """
-    others = (("back", (-1.5, 0, 2.4), 180), ("left", (0, 0.7, 2.4), 90), ("right", (0, -0.7, 2.4), -90))
-    return (
-        RgbCamera(),
-        *(
-            RgbCamera(name=name, on=("cav",), mount={"cav": MountConfig(position_m=place, yaw_deg=yaw)})
-            for name, place, yaw in others
-        ),
+    others = (
+        ("back", (-1.5, 0, 2.4), 180, at_side("rear", 2.4)),
+        ("left", (0, 0.7, 2.4), 90, at_side("left", 2.4)),
+        ("right", (0, -0.7, 2.4), -90, at_side("right", 2.4)),
     )
+    cameras = [RgbCamera()]
+    for name, place, yaw, large in others:
+        own = {"cav": MountConfig(position_m=place, yaw_deg=yaw), **dict.fromkeys(LARGE_VEHICLES, large)}
+        cameras.append(RgbCamera(name=name, on=("cav",), mount=own))
+    return tuple(cameras)

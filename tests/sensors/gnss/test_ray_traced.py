@@ -226,7 +226,8 @@ def test_rates_of_frames_share_instants() -> None:
 def test_bad_mounts_and_epochs_are_named() -> None:
     arrays = drive(1)
     with pytest.raises(
-        InputError, match=r"cav_1: gnss at .* on the ground below its own body.*position_m: \[0, 0, 2.6\]"
+        InputError,
+        match=r"cav_1: gnss at .* on the ground below its own body.*position_m: \[0, 0, 1\], relative_to: roof",
     ):
         simulated(arrays, range(1), Gnss(mode="ray_traced"))
     inside = {"cav": MountConfig(position_m=(0.0, 0.0, 0.7))}
