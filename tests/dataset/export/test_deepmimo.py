@@ -1,5 +1,6 @@
 """DeepMIMO scenarios, opened by DeepMIMO itself: its channels against ours, in every attitude and for arrays."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -20,6 +21,8 @@ from tests.fixtures.small_dataset import small_dataset
 dm = pytest.importorskip(
     "deepmimo", reason="DeepMIMO 4.0.5 is not installed; pip install deepmimo==4.0.5", exc_type=ImportError
 )
+
+from deepmimo.core.rt_params import RayTracingParameters  # noqa: E402  # after importorskip
 
 FRAMES, CARRIER = 4, 28e9
 NAME = f"{SCENARIO}_{WEATHER}_28ghz"
@@ -230,6 +233,22 @@ def test_parameters(packed):
     assert params["txrx_sets"]["txrx_set_1"]["num_active_points"] == FRAMES * len(CAVS) - 1
 
 
+@pytest.mark.parametrize("name", ["packed", "dynamic"])
+def test_every_parameter_of_deepmimo_is_there(root, name, request, monkeypatch):
+    """`dm.summary` prints all of them."""
+    monkeypatch.chdir(out := request.getfixturevalue(name))
+    params = json.loads((out / "deepmimo_scenarios" / NAME.lower() / "params.json").read_text())["rt_params"]
+    own = {field.name: field.type for field in dataclasses.fields(RayTracingParameters) if field.name != "gps_bbox"}
+    assert params.keys() == own.keys()
+    for key, value in params.items():
+        assert type(value).__name__ == own[key], key
+    text = dm.summary(NAME.lower(), print_summary=False)
+    assert "GPS" not in text  # the dataset has no place on Earth that it would print
+    assert "- Terrain reflection: True" in text and "- Casting range (el): 180.0°" in text
+    boxes = len(open_dataset(root).read("boxes", frames=range(1)))
+    assert f"- Total objects: {0 if name == 'packed' else 1 + boxes}" in text
+
+
 def test_impossible_exports_are_refused(root, tmp_path):
     with pytest.raises(ValueError, match="max_paths=0: is no number of paths"):
         export(root, "deepmimo", tmp_path / "a", Selection(), {"max_paths": "0"})
@@ -273,7 +292,7 @@ def test_a_dataset_that_is_elsewhere(root, packed, tmp_path):
 def test_town_of_a_traced_scenario(tmp_path, load):
     """Reflections of the tracer lie on triangles of the object that they name; delays are those of their points."""
     data = open_dataset(small_dataset())
-    export(data.root, "deepmimo", tmp_path / "out", Selection(weathers=("sunny",), frames=range(2)))
+    export(data.root, "deepmimo", tmp_path / "out", Selection(weathers=("sunny",), frames=range(2)), {"scene": "mesh"})
     name = next(path.name for path in (tmp_path / "out" / "deepmimo_scenarios").iterdir() if "28ghz" in path.name)
     found, _ = load(tmp_path / "out", name)
     extra = np.load(tmp_path / "out" / "deepmimo_scenarios" / name / "extra_t000_tx000_r001.npz")
@@ -294,3 +313,36 @@ def test_town_of_a_traced_scenario(tmp_path, load):
             assert np.linalg.norm(near - point, axis=1).min() < 0.02
             checked += 1
     assert checked > 0
+
+
+@pytest.mark.slow
+def test_a_town_of_prisms_is_drawn(tmp_path, load, monkeypatch):
+    """The scene is the town's, and as light as DeepMIMO's own: `scene.plot` draws it, `dm.stats` measures it."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    data = open_dataset(small_dataset())
+    scenes = {}
+    for shape in ("hull", "mesh"):
+        out = tmp_path / shape
+        export(data.root, "deepmimo", out, Selection(weathers=("sunny",), frames=range(2)), {"scene": shape})
+        name = next(path.name for path in (out / "deepmimo_scenarios").iterdir() if "28ghz" in path.name)
+        found, _ = load(out, name)
+        scenes[shape] = found.scene
+        scene = json.loads((out / "deepmimo_scenarios" / name / "params.json").read_text())["scene"]
+        objects = found.scene.objects
+        assert (scene["representation"], scene["n_objects"]) == (shape, len(objects))
+        assert scene["n_faces"] == sum(len(item.faces) for item in objects)
+        assert scene["n_triangular_faces"] == sum(face.num_triangular_faces for item in objects for face in item.faces)
+    hulls, meshes = (scenes[shape].objects for shape in ("hull", "mesh"))
+    assert [(one.name, one.label) for one in hulls] == [(one.name, one.label) for one in meshes]
+    for hull, mesh in zip(hulls, meshes, strict=True):
+        for end in ("min", "max"):
+            ours, theirs = ([getattr(one.bounding_box, f"{axis}_{end}") for axis in "xyz"] for one in (hull, mesh))
+            assert np.abs(np.array(ours) - theirs).max() < 0.3  # small corners of outlines are left out
+    assert sum(len(one.faces) for one in hulls) < 0.1 * sum(len(one.faces) for one in meshes)
+    axes = scenes["hull"].plot(proj_3d=False)
+    assert f"Objects: {sum(one.label == 'objects' for one in hulls)}" in axes.get_title()
+    some = [one for one in hulls if one.label in ("terrain", "buildings")]
+    monkeypatch.setattr(scenes["hull"], "objects", some)
+    scenes["hull"].plot().get_figure().canvas.draw()
+    pyplot.close("all")

@@ -44,7 +44,7 @@ from mmw.config.sampling import UNSET, Sampling
 from mmw.core.errors import InputError
 from mmw.core.transforms import quaternion_to_matrix, quaternion_to_ypr
 from mmw.dataset import Dataset
-from mmw.dataset.export.deepmimo.scene import material_list, write_actors, write_town
+from mmw.dataset.export.deepmimo.scene import material_list, no_scene, write_actors, write_town
 from mmw.dataset.export.exporter import VEHICLE_ROLES, Format, Option, Options, Part, Selection, Task, parts, require
 from mmw.dataset.export.read_radio import Antennas, read_antennas
 from mmw.dataset.export.read_sensors import Block
@@ -173,7 +173,7 @@ def tasks(dataset: Dataset, selection: Selection, options: Options) -> list[Task
                          "file was changed; put the old one back")  # fmt: skip
     if not options["max_paths"].isdecimal() or int(options["max_paths"]) < 1:
         raise InputError(f"deepmimo: max_paths={options['max_paths']}: is no number of paths; give 1 or more")
-    if dataset.filesystem is not None and options["mode"] == "packed" and options["scene"] == "on":
+    if dataset.filesystem is not None and options["mode"] == "packed" and options["scene"] != "off":
         raise InputError(f"deepmimo: {dataset.root} is no local folder, its stages cannot be read; give scene=off")
     planned = []
     channel = dataset.info["config"]["channel"]
@@ -234,10 +234,12 @@ def write_scenario(dataset: Dataset, part: Part, carrier_hz: float, options: Opt
                 matrices["rx_pos"] = antennas.at(receivers)[0][:, :3]
                 matrices["tx_pos"] = antennas.at([(frames[0], peer)])[0][:, :3]
                 _write_pair(place, f"t{tx_set:03}_tx{index:03}_r{RECEIVERS:03}", matrices)
-    if options["scene"] == "on" and is_packed:
-        write_town(dataset, part, folder)
-    if options["scene"] == "on" and not is_packed:
-        write_actors(dataset, part, places)
+    if options["scene"] == "off":
+        scene = no_scene()
+    elif is_packed:
+        scene = write_town(dataset, part, folder, options["scene"])
+    else:
+        scene = write_actors(dataset, part, places)
     sets = {f"txrx_set_{tx}": _set(f"{'rsu' if tx == RSUS else 'cav'} tx", tx, names, True)
             for tx, names in senders.items() if names}  # fmt: skip
     sets[f"txrx_set_{RECEIVERS}"] = _set("cav rx", RECEIVERS, reached, False) | {
@@ -248,7 +250,7 @@ def write_scenario(dataset: Dataset, part: Part, carrier_hz: float, options: Opt
         "rt_params": _rt_params(dataset, part, carrier_hz, options),
         "txrx_sets": sets,
         "materials": material_list(dataset, part, carrier_hz),
-        "scene": {"num_scenes": len(steps), "representation": "mesh"},
+        "scene": {"num_scenes": len(steps), **scene},
     }
     (folder / "params.json").write_text(json.dumps(params, indent=1) + "\n", encoding="utf-8")
 
@@ -292,9 +294,14 @@ def _set(name: str, index: int, points: Any, is_tx: bool) -> dict[str, Any]:
 
 
 def _rt_params(dataset: Dataset, part: Part, carrier_hz: float, options: Options) -> dict[str, Any]:
-    """Return the ray tracing parameters by DeepMIMO's names."""
+    """Return the ray tracing parameters by DeepMIMO's names, all of its `RayTracingParameters` but `gps_bbox`.
+
+    Terrain reflects, diffracts and scatters as everything else does. Rays are the points of a Fibonacci lattice on the
+    sphere. A path with a diffuse reflection may have mirrors and slabs, but no edge.
+    """
     channel, info = dataset.info["config"]["channel"], dataset.info
     depth = int(channel["max_depth"])
+    is_diffuse = bool(channel["diffuse_reflection"])
     return {
         "raytracer_name": "mmw",
         "raytracer_version": info["versions"].get("mmw", ""),
@@ -304,9 +311,19 @@ def _rt_params(dataset: Dataset, part: Part, carrier_hz: float, options: Options
         "max_diffractions": int(channel["diffraction"]),
         "max_scattering": int(channel["diffuse_reflection"]) * channel.get("diffuse_order", 1),
         "max_transmissions": depth if channel["refraction"] else 0,
+        "diffuse_reflections": max(depth - 1, 0) if is_diffuse and channel["specular_reflection"] else 0,
+        "diffuse_diffractions": 0,
+        "diffuse_transmissions": depth if is_diffuse and channel["refraction"] else 0,
+        "diffuse_final_interaction_only": False,
+        "diffuse_random_phases": False,
+        "terrain_reflection": bool(channel["specular_reflection"]),
+        "terrain_diffraction": bool(channel["diffraction"]),
+        "terrain_scattering": is_diffuse,
         "num_rays": int(channel["samples_per_tx"]),
+        "ray_casting_method": "uniform",
+        "ray_casting_range_az": 360.0,
+        "ray_casting_range_el": 180.0,
         "synthetic_array": True,
-        "gps_bbox": [0, 0, 0, 0],
         "raw_params": {
             "config_sha256": info["config_sha256"],
             "scenario": part.scenario,
@@ -341,7 +358,11 @@ FORMAT = Format(
         Option("polarization", "V", "polarization of both ends, unless pattern=stored", ("V", "H")),
         Option("max_paths", "25", "largest number of paths of a receiver; DeepMIMO loads 25 by default"),
         Option(
-            "scene", "on", "geometry: the static town (packed), boxes of vehicles and people (dynamic)", ("on", "off")
+            "scene",
+            "hull",
+            "geometry; packed: the static town, an upright convex prism an object, or its meshes; dynamic: boxes of "
+            "vehicles and people",
+            ("hull", "mesh", "off"),
         ),
     ),
 )

@@ -1,7 +1,8 @@
 """Scenes and materials of DeepMIMO scenarios: triangles of the static town, or boxes of vehicles and people.
 
-A mesh scene is `vertices.npz` (V x 3), `faces.npz` and `materials.npz` (for each object: triangles and their materials)
-and `objects.json`. DeepMIMO allows one object of label `terrain`, so all ground is one object.
+A scene is `vertices.npz` (V x 3) and `objects.json`. One of hulls has the polygons of each object in the latter, those
+of an upright prism, see `hulls.py`; one of meshes has `faces.npz` and `materials.npz`, triangles and their materials of
+each object. DeepMIMO allows one object of label `terrain`, so all ground is one object.
 
 Source: DeepMIMO 4.0.5, `core/scene.py`, `core/materials.py`.
 """
@@ -19,6 +20,7 @@ from mmw.core.constants import VACUUM_PERMITTIVITY
 from mmw.core.errors import InputError
 from mmw.core.transforms import transform_points
 from mmw.dataset import Dataset
+from mmw.dataset.export.deepmimo.hulls import main_material, prism
 from mmw.dataset.export.exporter import Part
 from mmw.dataset.export.read_sensors import Block, box_corners, box_pose, by_frame
 from mmw.physics.materials.material import RadioMaterial
@@ -81,16 +83,29 @@ def material_list(dataset: Dataset, part: Part, carrier_hz: float) -> dict[str, 
     return result
 
 
-def write_town(dataset: Dataset, part: Part, folder: Path) -> None:
-    """Write the static town of a scenario, one object a prim and one for all the ground."""
+def write_town(dataset: Dataset, part: Part, folder: Path, shape: str) -> dict[str, Any]:
+    """Write the static town of a scenario, one object a prim and one for all the ground.
+
+    Args:
+        dataset: The dataset.
+        part: Scenario and frames.
+        folder: Folder of the scenario.
+        shape: `hull` or `mesh`.
+
+    Returns:
+        What `params.json` says of the scene.
+    """
     points, objects = _town(dataset.root, part.scenario)
-    _write(folder, points, objects)
+    return _write_hulls(folder, points, objects) if shape == "hull" else _write(folder, points, objects)
 
 
-def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> None:
+def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> dict[str, Any]:
     """Write boxes of vehicles and people in each frame into its folder, and a plane of ground below them.
 
     Objects are in the order of their ids, so that DeepMIMO can follow them from frame to frame while all are present.
+
+    Returns:
+        What `params.json` says of the scene in the first frame.
     """
     names = ["object_id", "x", "y", "z", "yaw", "pitch", "roll", "length", "width", "height"]
     rows = by_frame(Block(dataset, part.scenario, part.weather, part.frames).rows("boxes", names))
@@ -102,6 +117,7 @@ def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> None:
     low, high = every.min(axis=0), every.max(axis=0)
     ground = [[x, y, low[2]] for x in (low[0] - MARGIN, high[0] + MARGIN) for y in (low[1] - MARGIN, high[1] + MARGIN)]
     plane = ("terrain", "ground", np.array([[0, 2, 3], [0, 3, 1]], dtype=np.int32), np.zeros(2, dtype=np.int32))
+    written = []
     for frame, folder in zip(part.frames, folders, strict=True):
         boxes = sorted(
             zip(rows.get(frame, []), corners.get(frame, ()), strict=True), key=lambda box: box[0]["object_id"]
@@ -111,7 +127,8 @@ def write_actors(dataset: Dataset, part: Part, folders: Sequence[Path]) -> None:
             for index, (row, _) in enumerate(boxes)
         ]
         points = np.concatenate([np.array(ground), *(found for _, found in boxes)])
-        _write(folder, points, [plane, *objects])
+        written.append(_write(folder, points, [plane, *objects]))
+    return written[0]
 
 
 @lru_cache(maxsize=1)
@@ -147,11 +164,47 @@ def _town(root: Path, name: str) -> tuple[np.ndarray, list[Mesh]]:
     return arrays.points, meshes
 
 
-def _write(folder: Path, points: np.ndarray, objects: list[Mesh]) -> None:
+def no_scene() -> dict[str, Any]:
+    """Return what `params.json` says where no scene is written."""
+    return _described("hull", 0, 0, 0, 0)
+
+
+def _described(shape: str, objects: int, vertices: int, faces: int, triangles: int) -> dict[str, Any]:
+    return {
+        "representation": shape, "n_objects": objects, "n_vertices": vertices, "n_faces": faces,
+        "n_triangular_faces": triangles,
+    }  # fmt: skip
+
+
+def _write_hulls(folder: Path, points: np.ndarray, objects: list[Mesh]) -> dict[str, Any]:
+    """Write a scene of one upright prism an object, of the material that most of its area has."""
+    vertices, entries, first = [], [], 0
+    polygons = []
+    for key, (label, name, faces, material) in enumerate(objects):
+        corners, sides = prism(points[np.unique(faces)])
+        use = main_material(points, faces, material)
+        entries.append({"name": name, "label": label, "id": key, "face_material_idxs": [use] * len(sides),
+                        "face_vertex_idxs": [[first + corner for corner in side] for side in sides]})  # fmt: skip
+        vertices.append(corners)
+        polygons += sides
+        first += len(corners)
+    np.savez_compressed(folder / "vertices.npz", vertices=np.concatenate(vertices))
+    _write_objects(folder, entries)
+    return _described("hull", len(objects), first, len(polygons), sum(len(side) - 2 for side in polygons))
+
+
+def _write(folder: Path, points: np.ndarray, objects: list[Mesh]) -> dict[str, Any]:
     """Write a mesh scene."""
     np.savez_compressed(folder / "vertices.npz", vertices=points)
     np.savez_compressed(folder / "faces.npz", **{str(key): faces for key, (_, _, faces, _) in enumerate(objects)})
     np.savez_compressed(folder / "materials.npz", **{str(key): use for key, (_, _, _, use) in enumerate(objects)})
     entries = [{"name": name, "label": label, "id": key, "mesh_key": str(key)}
                for key, (label, name, _, _) in enumerate(objects)]  # fmt: skip
-    (folder / "objects.json").write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
+    _write_objects(folder, entries)
+    triangles = sum(len(faces) for _, _, faces, _ in objects)
+    return _described("mesh", len(objects), len(points), triangles, triangles)
+
+
+def _write_objects(folder: Path, entries: list[dict[str, Any]]) -> None:
+    text = ",\n".join(json.dumps(entry) for entry in entries)
+    (folder / "objects.json").write_text(f"[\n{text}\n]\n", encoding="utf-8")

@@ -1,6 +1,7 @@
 """nuScenes: thirteen JSON tables, and the sweeps and images that they name.
 
     OUT/v1.0-mmw/*.json                              the tables; tokens are hashes of the keys, the same every time
+    OUT/v1.0-mmw/splits.json                         scenes of each split, for the development kit's evaluations
     OUT/samples/LIDAR_TOP/SCENE__LIDAR_TOP__T.pcd.bin  float32 x, y, z, intensity (0 to 255), ring (0 the highest)
     OUT/samples/CAM_FRONT/SCENE__CAM_FRONT__T.jpg    the stored image; a camera NAME is CAM_NAME
     OUT/sweeps/...                                   the same between samples
@@ -25,11 +26,13 @@ Source: H. Caesar et al., "nuScenes: A multimodal dataset for autonomous driving
 development kit.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from mmw.core.errors import InputError
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import Format, Option, Options, Selection, Task, frame_steps, parts, require
 from mmw.dataset.export.nuscenes.tables import LIDAR, Scene, channel_of, suffix_of, write_tables
@@ -53,6 +56,7 @@ OPTIONS = (
     Option("rate", "2", "samples a second [Hz]; a divisor of 100"),
     Option("sweeps", "10", "sweeps a second between the samples [Hz]; a divisor of 100"),
     Option("lidar", "", "LiDAR that becomes LIDAR_TOP, where an agent has several"),
+    Option("val", "", "scenarios and weathers of split mmw_val, comma-separated; the others are mmw_train"),
 )
 
 SPACING_US = 10_000_000_000
@@ -85,7 +89,25 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
             scenes.append(scene)
             for block in scene.block(frames).split():
                 tasks.append(Task(f"{scene.name}_{block.frames[0]:06d}", partial(_write, block, scene)))
-    return [*tasks, Task("tables", partial(write_tables, scenes))]
+    return [*tasks, Task("tables", partial(write_tables, scenes, _held_out(scenes, options["val"])))]
+
+
+def _held_out(scenes: Sequence[Scene], text: str) -> tuple[str, ...]:
+    """Return the scenarios and weathers of a list that is separated by commas.
+
+    Raises:
+        InputError: If one is not exported, or nothing is left to train with.
+    """
+    names = tuple(name for name in text.split(",") if name)
+    known = dict.fromkeys([scene.scenario for scene in scenes] + [scene.weather for scene in scenes])
+    if unknown := [name for name in names if name not in known]:
+        raise InputError(
+            f"nuscenes: val={text}: {unknown[0]!r} is no scenario or weather of the export; there are "
+            f"{', '.join(known)}; name some of these"
+        )
+    if names and all({scene.scenario, scene.weather} & {*names} for scene in scenes):
+        raise InputError(f"nuscenes: val={text}: holds every scene, so mmw_train is empty; name fewer")
+    return names
 
 
 def _write(block: Block, scene: Scene, out: Path) -> None:

@@ -97,8 +97,8 @@ def suffix_of(row: Row) -> str:
     return {"jpeg": "jpg", "png": "png"}[row["format"]]
 
 
-def write_tables(scenes: Sequence[Scene], out: Path) -> None:
-    """Write the JSON tables and the empty maps."""
+def write_tables(scenes: Sequence[Scene], held_out: Sequence[str], out: Path) -> None:
+    """Write the JSON tables, the splits and the empty maps; `held_out` names scenarios and weathers of `mmw_val`."""
     tables: Tables = defaultdict(dict)
     for number, level, _ in (*VISIBILITY, (UNKNOWN, "unknown", 0.0)):
         tables["visibility"][number] = {"token": number, "level": level, "description": "share of the framed rectangle"}
@@ -113,6 +113,23 @@ def write_tables(scenes: Sequence[Scene], out: Path) -> None:
         write_file(out / row["filename"], blank.getvalue())
     for name in TABLES:
         write_file(out / VERSION / f"{name}.json", _json(tables[name].values()))
+    write_file(out / VERSION / "splits.json", (json.dumps(splits(scenes, held_out), indent=1) + "\n").encode())
+
+
+def splits(scenes: Sequence[Scene], held_out: Sequence[str]) -> dict[str, list[str]]:
+    """Return the names of the scenes of each split, as the development kit reads custom ones since its version 1.2.0.
+
+    Splits are `all`, one for each scenario and each weather, and with `held_out` `mmw_train` and `mmw_val`. The names
+    that the kit has of its own, such as `train` and `mini_val`, are bound to scenes of nuScenes.
+
+    Source: nuscenes-devkit 1.2.0, `utils/splits.py`, `get_scenes_of_custom_split`.
+    """
+    found: dict[str, list[str]] = {"all": [scene.name for scene in scenes]}
+    for scene in scenes:
+        part = "mmw_val" if {scene.scenario, scene.weather} & {*held_out} else "mmw_train"
+        for name in (f"scenario_{scene.scenario}", f"weather_{scene.weather}", *([part] if held_out else ())):
+            found.setdefault(name, []).append(scene.name)
+    return found
 
 
 TABLES = (
@@ -280,10 +297,12 @@ def _add_instance(tables: Tables, scene: Scene, box: Row) -> None:
 
 
 def _attributes(tables: Tables, dataset: Dataset, box: Row) -> list[str]:
-    """Return the attribute of a box: moving, or standing."""
+    """Return the attribute of a box, one of those that the development kit evaluates: moving, standing, ridden."""
     moves = np.linalg.norm([box["vx"], box["vy"], box["vz"]]) >= MOVING_M_S
     kind = "pedestrian" if box["category"] in ("pedestrian", "rider") else "vehicle"
     name = f"{kind}.{'moving' if moves else 'standing' if kind == 'pedestrian' else 'stopped'}"
+    if box["category"] == "bicycle":  # with whoever rides it, as the shipped ones are
+        name = "cycle.with_rider"
     key = token(dataset, "attribute", name)
     _add(tables, "attribute", key, name=name, description=f"speed against {MOVING_M_S} m/s")
     return [key]
