@@ -20,6 +20,7 @@ EXTRA_OF = {
     "libsumo": "sumo",
     "osmium": "osm",
     "ray": "ray",
+    "mcap": "mcap", "mcap_ros2": "mcap",
 }  # fmt: skip
 """Import name of an optional package -> extra that installs it."""
 

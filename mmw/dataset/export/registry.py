@@ -20,6 +20,7 @@ EXPORTERS: "Registry[Format]" = Registry(
         "deepmimo": "mmw.dataset.export.deepmimo.scenarios:FORMAT",
         "huggingface": "mmw.dataset.export.huggingface:FORMAT",
         "kitti": "mmw.dataset.export.kitti:FORMAT",
+        "mcap": "mmw.dataset.export.mcap.recording:FORMAT",
         "nuscenes": "mmw.dataset.export.nuscenes.scenes:FORMAT",
         "opv2v": "mmw.dataset.export.opv2v:FORMAT",
         "v1": "mmw.dataset.export.multimodal_wireless.layout:FORMAT",

@@ -42,6 +42,7 @@ OPTIONS = {
     "deepmimo": ["scene=off", "frames=0:1"],
     "huggingface": ["frames=0:1"],
     "kitti": ["rate=50"],
+    "mcap": ["frames=0:1"],
     "nuscenes": ["rate=50", "sweeps=50"],
     "opv2v": ["rate=50"],
     "v1": ["frames=0:1"],
