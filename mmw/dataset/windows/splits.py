@@ -21,7 +21,7 @@ Parts = Mapping[str, float | Sequence[str]]
 
 def split_windows(
     windows: Windows,
-    by: Literal["track", "scenario", "town", "weather"],
+    by: Literal["track", "time", "scenario", "town", "weather"],
     parts: Parts,
     *,
     seed: int = 0,
@@ -33,12 +33,13 @@ def split_windows(
     Args:
         windows: The windows to split.
         by: `track`: the frames of every scenario are cut into blocks, in an order that the seed decides; windows that
-            reach out of their block are dropped. `scenario`, `town`, `weather`: these go as a whole.
-        parts: Shares, which are scaled to 1; or, but by track, the names of a part (those of no part
+            reach out of their block are dropped. `time`: the same in the order of `parts`, so that of two parts the
+            one that is named later is later in time too. `scenario`, `town`, `weather`: these go as a whole.
+        parts: Shares, which are scaled to 1; or, but by track and time, the names of a part (those of no part
             are dropped).
-        seed: Seed of the order.
-        gap: By track: frames that no part uses between two blocks; None: as many as the longest window uses.
-        blocks: By track: blocks that every part has in a scenario.
+        seed: Seed of the order; by time it decides nothing.
+        gap: By track and time: frames that no part uses between two blocks; None: as many as the longest window uses.
+        blocks: By track and time: blocks that every part has in a scenario; by time they take turns.
 
     Raises:
         InputError: If a part gets no window, or an argument is out of range.
@@ -51,8 +52,8 @@ def split_windows(
         >>> shared_frames(parts["train"], parts["test"])
         []
     """
-    if by not in ("track", "scenario", "town", "weather"):
-        raise InputError(f"split_windows: by = {by!r}; it is track, scenario, town or weather")
+    if by not in ("track", "time", "scenario", "town", "weather"):
+        raise InputError(f"split_windows: by = {by!r}; it is track, time, scenario, town or weather")
     if not parts or not len(windows):
         raise InputError(f"split_windows: {len(windows)} windows, {len(parts)} parts; both are needed")
     shares = {name: float(share) for name, share in parts.items() if isinstance(share, int | float)}
@@ -60,13 +61,15 @@ def split_windows(
         raise InputError("split_windows: parts mix shares and names; give shares alone or names alone")
     if any(not (share > 0.0 and np.isfinite(share)) for share in shares.values()):
         raise InputError(f"split_windows: shares {shares}; each is above 0")
-    if by == "track":
+    if by in ("track", "time"):
         if not shares:
-            raise InputError("split_windows: by track needs shares, such as {'train': 0.8, 'test': 0.2}")
-        chosen = _by_time(windows, shares, seed, gap, blocks)
+            raise InputError(f"split_windows: by {by} needs shares, such as {{'train': 0.8, 'test': 0.2}}")
+        chosen = _by_time(windows, shares, seed if by == "track" else None, gap, blocks)
     else:
         if gap is not None or blocks != 1:
-            raise InputError(f"split_windows: gap and blocks are of a split by track; by {by} has no use for them")
+            raise InputError(
+                f"split_windows: gap and blocks are of a split by track or time; by {by} has no use for them"
+            )
         values = _values(windows, by)
         names = _assign(values, shares, seed) if shares else _named(values, parts, by)
         chosen = {part: np.isin(values, some) for part, some in names.items()}
@@ -94,9 +97,9 @@ def shared_frames(one: Windows, other: Windows) -> list[tuple[str, int]]:
 
 
 def _by_time(
-    windows: Windows, shares: Mapping[str, float], seed: int, gap: int | None, blocks: int
+    windows: Windows, shares: Mapping[str, float], seed: int | None, gap: int | None, blocks: int
 ) -> dict[str, np.ndarray]:
-    """Return a mask of the windows in the blocks of each part."""
+    """Return a mask of the windows in the blocks of each part, in an order by the seed; None: that of the parts."""
     gap = int((windows.last - windows.first).max()) + 1 if gap is None else gap
     if gap < 0 or blocks < 1:
         raise InputError(f"split_windows: gap = {gap}, blocks = {blocks}; gap is at least 0, blocks 1")
@@ -106,18 +109,19 @@ def _by_time(
         tracks = [track.frames for track in windows.tracks if track.scenario == scenario]
         frames = np.unique(np.concatenate(tracks))
         of_scenario = names == scenario
-        rng = np.random.default_rng([seed, zlib.crc32(scenario.encode())])
+        rng = None if seed is None else np.random.default_rng([seed, zlib.crc32(scenario.encode())])
         for part, first, last in _blocks(frames, shares, rng, gap, blocks):
             chosen[part] |= of_scenario & (windows.first >= first) & (windows.last <= last)
     return chosen
 
 
 def _blocks(
-    frames: np.ndarray, shares: Mapping[str, float], rng: np.random.Generator, gap: int, blocks: int
+    frames: np.ndarray, shares: Mapping[str, float], rng: np.random.Generator | None, gap: int, blocks: int
 ) -> list[tuple[str, int, int]]:
     """Return part, first and last frame of each block of one scenario's frames; nothing if it is too short."""
     parts = list(shares)
-    order = [parts[n] for _ in range(blocks) for n in rng.permutation(len(parts))]
+    numbers = range(len(parts))
+    order = [parts[n] for _ in range(blocks) for n in (numbers if rng is None else rng.permutation(len(parts)))]
     joined: list[tuple[str, float]] = []  # neighbors of one part are one block
     for part in order:
         if joined and joined[-1][0] == part:

@@ -123,6 +123,26 @@ def test_all_agents_and_weathers_of_a_frame_go_together() -> None:
     assert 2.0 < sizes["train"] / sizes["test"] < 4.5
 
 
+@pytest.mark.parametrize("blocks", [1, 2])
+def test_parts_by_time_are_in_their_order(blocks: int) -> None:
+    """Between the last frame of a block and the first of the next there are `gap` that no part uses."""
+    gap = 3
+    windows = open_windows(window_data(), WindowSpec(["poses"], past=2))
+    split = split_windows(windows, "time", SHARES, gap=gap, blocks=blocks, seed=5)
+    for scenario in TOWNS:
+        used = {}
+        for name, part in split.items():
+            own = part.of_track(lambda track: track.scenario) == scenario
+            spans = zip(part.first[own], part.last[own], strict=True)
+            used |= {int(frame): name for first, last in spans for frame in range(first, last + 1)}
+        frames = sorted(used)
+        changes = [(one, other) for one, other in itertools.pairwise(frames) if used[one] != used[other]]
+        assert [used[frames[0]], *(used[other] for _, other in changes)] == [*SHARES] * blocks
+        assert min(other - one for one, other in changes) > gap
+    assert all((split_windows(windows, "time", SHARES, gap=gap, blocks=blocks)[name].now == part.now).all()
+               for name, part in split.items())  # fmt: skip
+
+
 def test_seeds_differ_and_blocks_multiply() -> None:
     windows = open_windows(window_data(), WindowSpec(["poses"], past=2))
     firsts = {split_windows(windows, "track", SHARES, seed=seed)["test"].now.tobytes() for seed in range(8)}
