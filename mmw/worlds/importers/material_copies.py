@@ -39,5 +39,5 @@ def copy_materials(names: Iterable[str]) -> tuple[Sdf.Layer, dict[str, bytes]]:
 def _asset(layer: Sdf.Layer, path: Sdf.Path) -> list[str]:
     """Return the file that an attribute names, if it names one."""
     spec = layer.GetAttributeAtPath(path) if path.IsPropertyPath() else None
-    value = spec.default if spec is not None else None
-    return [Path(value.path).as_posix()] if isinstance(value, Sdf.AssetPath) and value.path else []
+    name = spec.default.path if spec is not None and isinstance(spec.default, Sdf.AssetPath) else ""
+    return [Path(name).as_posix()] if name else []
