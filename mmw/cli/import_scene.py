@@ -41,6 +41,10 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
         help="point of the scene, z up, in meters, that becomes the origin",
     )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="refuse faults of the file that would be mended (.xodr)")
+    parser.add_argument(
+        "--bbox", default="", metavar="WEST,SOUTH,EAST,NORTH", help="degrees where an OpenStreetMap extract is cut"
+    )
+    parser.add_argument("--traffic", action="store_true", help="give the roads of an OpenStreetMap extract lanes")
     parser.add_argument("--overwrite", action="store_true", help="replace an asset that is there")
     return run_command(parser, _import, argv, intermixed=True)
 
@@ -83,7 +87,7 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     if source.resolve() in asset_files(arguments.out, name):
         raise InputError(f"{source}: --out would replace the file that is imported; give another --out")
     entries = load_material_map(arguments.materials) if arguments.materials else {}
-    options = {option: getattr(arguments, option) for option in ("up", "unit", "origin", "strict")}
+    options = {option: getattr(arguments, option) for option in ("up", "unit", "origin", "strict", "bbox", "traffic")}
     scene = read_scene(source, arguments.importer, **options, **{option: value for option, _, value in pairs})
     check_scene(str(source), scene)
     scene = apply_material_map(str(source), scene, entries)

@@ -18,7 +18,7 @@ from mmw.traffic.replay.xml_tables import lanelet_origin
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MAX_COORDINATE_M, identifier
-from mmw.worlds.importers.osm.ground import MARGIN, build_ground
+from mmw.worlds.importers.osm.ground import MARGIN, GroundPlan, build_ground
 from mmw.worlds.importers.xml_nodes import parse_xml
 from mmw.worlds.towns.plan_geometry import polygons_of
 
@@ -187,7 +187,7 @@ def _mark_junctions(root: ElementTree.Element, lanelets: dict[str, _Lanelet]) ->
                         lanelets[ref.get("ref", "")].junction = name
 
 
-def _plan(lanelets: dict[str, _Lanelet]) -> dict[str, shapely.Geometry]:
+def _plan(lanelets: dict[str, _Lanelet]) -> GroundPlan:
     """Return the area of every kind of ground in plan, without overlaps."""
     areas: dict[str, list[shapely.Geometry]] = {"road": [], "walk": []}
     for each in lanelets.values():
@@ -202,11 +202,8 @@ def _plan(lanelets: dict[str, _Lanelet]) -> dict[str, shapely.Geometry]:
     road = shapely.MultiPolygon([_filled(each) for each in polygons_of(shapely.set_precision(road, 1e-3), 0.0)])
     walk = shapely.difference(shapely.union_all(areas["walk"], grid_size=1e-3), road, grid_size=1e-3)
     x0, y0, x1, y1 = shapely.total_bounds(np.array([road, walk]))
-    paved = shapely.union(road, walk, grid_size=1e-3)
-    green = shapely.difference(
-        shapely.box(*np.round([x0 - MARGIN, y0 - MARGIN, x1 + MARGIN, y1 + MARGIN], 3)), paved, grid_size=1e-3
-    )
-    return {"road": road, "walk": walk, "water": shapely.MultiPolygon(), "green": green}
+    frame = shapely.box(*np.round([x0 - MARGIN, y0 - MARGIN, x1 + MARGIN, y1 + MARGIN], 3))
+    return GroundPlan({"road": road, "walk": walk}, frame)
 
 
 def _filled(area: shapely.Polygon) -> shapely.Polygon:

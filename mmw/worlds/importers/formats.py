@@ -29,9 +29,9 @@ class Importer:
     help: str
     """One line: formats and what is read."""
     options: Mapping[str, str]
-    """Option -> its effect in one line. `up`, `unit`, `origin` and `strict` are flags of `mmw import` and reach the
-    function as `up` (`y` or `z`), `unit_m` [m], `origin` [m], shape [3], and `strict`, true; others are given as
-    `name=value` and stay text."""
+    """Option -> its effect in one line. `up`, `unit`, `origin`, `strict`, `bbox` and `traffic` are flags of `mmw
+    import` and reach the function as `up` (`y` or `z`), `unit_m` [m], `origin` [m], shape [3], `strict` and `traffic`,
+    true, and `bbox`, text; others are given as `name=value` and stay text."""
     root: str = ""
     """Root element of its files, where several importers read files with one suffix, such as `.xml`."""
 
@@ -41,7 +41,7 @@ _PLACED = {
     "unit": f"unit of the file: {', '.join(UNITS)}",
     "origin": "point of the scene, z up, in meters, that becomes the origin",
 }
-FLAGS = (*_PLACED, "strict")
+FLAGS = (*_PLACED, "strict", "bbox", "traffic")
 """Options that are flags of `mmw import`."""
 MITSUBA = Importer(
     (".xml",), "mmw.worlds.importers.mitsuba.read_mitsuba:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED,
@@ -70,7 +70,13 @@ OPENDRIVE = Importer(
 )  # fmt: skip
 OPENSTREETMAP = Importer(
     (".osm", ".osm.xml", ".osm.bz2", ".osm.gz", ".osm.pbf"), "mmw.worlds.importers.osm.read_osm:read_osm",
-    "OpenStreetMap: buildings, streets, trees (needs the extra author, .osm.pbf also osm)", {},
+    "OpenStreetMap: buildings, streets, trees (needs the extra author, .osm.pbf and --traffic also osm)",
+    {
+        "bbox": "degrees where the extract is cut, west,south,east,north",
+        "traffic": "give roads lanes, traffic lights and sidewalks",
+        "driving_side": "left or right; told from the map and its place by default",
+        "windows": "single, bands or none; single unless there are very many by default",
+    },
 )  # fmt: skip
 _LOD = {"lod": "highest level of detail to read, such as lod=1.2; of each object the highest by default"}
 CITYJSON = Importer(

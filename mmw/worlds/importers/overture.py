@@ -15,10 +15,11 @@ import shapely
 from mmw.core.errors import InputError
 from mmw.core.geodesy import world_from_wgs84
 from mmw.worlds.importers.imported_scene import ImportedScene
-from mmw.worlds.importers.osm.buildings import Body, build_body, find_bodies, shared_walls
+from mmw.worlds.importers.osm.buildings import find_bodies
 from mmw.worlds.importers.osm.feature import Extract, Feature, polygonal
 from mmw.worlds.importers.osm.ground import build_ground, plan_ground
 from mmw.worlds.importers.osm.materials import Palette
+from mmw.worlds.importers.osm.quarter import build_quarter
 from mmw.worlds.importers.osm.xml import MAX_EXTENT
 
 TAGS = {
@@ -84,14 +85,10 @@ def _build(extract: Extract) -> ImportedScene:
     """Return the buildings of an extract on flat ground."""
     palette = Palette()
     bodies, notes = find_bodies(extract, palette)
-    near: list[dict[tuple, list[Body]]] = [{} for _ in bodies]
-    for wall, found in shared_walls(bodies).items():
-        for k in found:
-            near[k][wall] = [bodies[i] for i in found if i != k]
-    parts = [part for body, others in zip(bodies, near, strict=True) for part in build_body(body, others)]
+    bodies, parts, apart = build_quarter(bodies)
     plan, more = plan_ground(extract, [body.plan for body in bodies])
     latitude, longitude = extract.origin
-    notes = [f"origin: latitude {latitude:.6f}, longitude {longitude:.6f} deg", *notes, *more]
+    notes = [f"origin: latitude {latitude:.6f}, longitude {longitude:.6f} deg", *notes, *apart, *more]
     if palette.unknown:
         notes.append(f"materials and colors not understood: {', '.join(sorted(palette.unknown))}")
     return ImportedScene([*build_ground(plan), *parts], palette.foreign, None, tuple(notes), notice=NOTICE)

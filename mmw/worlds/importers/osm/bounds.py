@@ -45,6 +45,24 @@ def read_bounds(root: ElementTree.Element, path: Path) -> np.ndarray | None:
     return np.concatenate([every[:, :2].min(axis=0), every[:, 2:].max(axis=0)])
 
 
+def read_bbox(text: str) -> np.ndarray:
+    """Return south, west, north and east [deg], shape [4], of a text `west,south,east,north` [deg].
+
+    Raises:
+        InputError: If it has not four numbers, or they enclose nothing on the earth.
+    """
+    try:
+        west, south, east, north = (float(word) for word in text.split(","))
+    except ValueError:
+        west = south = east = north = np.nan
+    if not (-180 <= west < east <= 180 and -90 <= south < north <= 90):
+        raise InputError(
+            f"--bbox {text}: four numbers in degrees are needed, west less than east and south less than north; give "
+            "WEST,SOUTH,EAST,NORTH, such as 11.56,48.18,11.57,48.19"
+        )
+    return np.array([south, west, north, east])
+
+
 def outline(bounds: np.ndarray, place: Callable[[np.ndarray], np.ndarray]) -> shapely.Polygon:
     """Return bounds in plan [m].
 

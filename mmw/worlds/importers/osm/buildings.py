@@ -14,6 +14,7 @@ from mmw.core.mesh import TriangleMesh, merge, separate
 from mmw.worlds.importers.mesh_cleanup import PrimNames
 from mmw.worlds.importers.osm.feature import Extract, Feature
 from mmw.worlds.importers.osm.materials import Palette
+from mmw.worlds.importers.osm.windows import PANE, glazed_wall, window_frames
 from mmw.worlds.importers.osm.xml import length_m, number
 from mmw.worlds.towns.mesh_part import MeshPart
 from mmw.worlds.towns.plan_geometry import triangulate_polygons
@@ -26,8 +27,15 @@ LEVELS = {
     "kiosk": 1, "roof": 1, "greenhouse": 1, "apartments": 4, "office": 5, "hotel": 5, "church": 4,
 }  # fmt: skip
 """Type of building -> storeys where neither height nor levels are given; design values."""
+BLIND = (
+    "garage", "garages", "shed", "hut", "roof", "carport", "greenhouse", "barn", "silo", "storage_tank", "bunker",
+    "tank", "transformer_tower", "ruins", "wall", "chimney", "column", "collapsed",
+)  # fmt: skip
+"""Types of buildings without windows."""
+CANOPY = 0.5
+"""Thickness of a building that is only a roof [m]; design value."""
 UNKNOWN_LEVELS = 3
-"""The same for all other types."""
+"""Storeys of all other types."""
 FOOT = 0.5
 """How far buildings reach below the ground [m], so that no underside lies in its plane; design value."""
 PITCH = 0.6
@@ -54,6 +62,8 @@ class Body:
     form: str
     facade: str
     roof: str
+    storeys: int = 0
+    """Storeys with windows; 0 for a building without."""
 
 
 def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[str]]:
@@ -70,14 +80,14 @@ def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[st
         pieces = [piece for piece in shapely.get_parts([feature.area]) if piece.area >= MIN_AREA]
         for k, piece in enumerate(pieces):
             plan = shapely.orient_polygons(shapely.remove_repeated_points(piece, 0.01))
-            form = _form(tags.get("roof:shape", "flat"), plan)
+            form = roof_form(tags.get("roof:shape", "flat"), plan)
             odd += form != tags.get("roof:shape", "flat")
             height = 0.0 if form == "flat" else _rise(rise, plan, top - bottom)
             name = names.child("", feature.id if len(pieces) == 1 else f"{feature.id}_{k}")
             facade, roof = palette.facade(tags), palette.roof(tags, form)
-            bodies.append(
-                Body(name, plan, bottom - (FOOT if bottom == 0 else 0.0), top - height, height, form, facade, roof)
-            )
+            foot, eaves = bottom - (FOOT if bottom == 0 else 0.0), top - height
+            storeys = _storeys(tags, facade, eaves - bottom)
+            bodies.append(Body(name, plan, foot, eaves, height, form, facade, roof, storeys))
     if guessed:
         notes.append(
             f"{guessed} of {len(bodies)} buildings have neither height nor levels; the height of their type assumed"
@@ -87,6 +97,17 @@ def find_bodies(extract: Extract, palette: Palette) -> tuple[list[Body], list[st
     if covered:
         notes.append(f"{len(covered)} outlines left out, because their parts (building:part) are built")
     return bodies, notes
+
+
+def _storeys(tags: dict[str, str], facade: str, height: float) -> int:
+    """Return the storeys with windows between the bottom and the eaves, `height` [m] apart."""
+    kind = tags.get("building", tags.get("building:part", ""))
+    if kind in BLIND or facade.startswith("glass_facade"):
+        return 0
+    levels = (number(tags.get("building:levels")) or 0.0) - (number(tags.get("building:min_level")) or 0.0)
+    if levels < 1 or not 2.2 <= height / levels <= 7.0:
+        levels = max(1.0, height / LEVEL)
+    return round(levels)
 
 
 def _areas(extract: Extract, key: str) -> list[Feature]:
@@ -114,10 +135,12 @@ def _heights(feature: Feature) -> tuple[float, float, float | None, bool]:
     bottom = bottom if bottom is not None else LEVEL * (below or 0.0)
     top, levels = length_m(tags.get("height")), number(tags.get("building:levels"))
     is_guess = top is None and levels is None
+    kind = tags.get("building", tags.get("building:part", ""))
     if top is None:
-        kind = tags.get("building", tags.get("building:part", ""))
         walls = LEVEL * (levels if levels is not None else LEVELS.get(kind, UNKNOWN_LEVELS))
         top = walls + (rise or 0.0)
+    if kind == "roof" and bottom <= 0.0:  # it stands on columns, which the map does not have
+        bottom = top - (rise or 0.0) - CANOPY
     return max(top, bottom + 0.5), max(bottom, 0.0), rise, is_guess
 
 
@@ -126,7 +149,7 @@ def _corners(plan: shapely.Polygon) -> np.ndarray:
     return shapely.get_coordinates(shapely.simplify(plan.exterior, 0.05))[:-1]
 
 
-def _form(wanted: str, plan: shapely.Polygon) -> str:
+def roof_form(wanted: str, plan: shapely.Polygon) -> str:
     """Return the roof shape that can be built on a plan."""
     count = len(shapely.get_coordinates(plan.exterior)) - 1
     if wanted not in FORMS or plan.interiors:
@@ -158,14 +181,15 @@ def shared_walls(bodies: list[Body]) -> dict[tuple, list[int]]:
     return {wall: found for wall, found in walls.items() if len(found) > 1}
 
 
-def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
+def build_body(body: Body, others: dict[tuple, list[Body]], windows: str = "single") -> list[MeshPart]:
     """Return the meshes of a building.
 
     Args:
         body: The building.
         others: Wall -> other buildings with the same wall; what they cover is left out.
+        windows: `single` for each bay, `bands` for each storey, or `none`.
     """
-    out: dict[str, list[TriangleMesh]] = {"facade": [], "roof": []}
+    out: dict[str, list[TriangleMesh]] = {"facade": [], "roof": [], "windows": []}
     ring = shapely.get_coordinates(body.plan.exterior)[:-1]
     ridge = _ridge(body, ring)
     for border in (body.plan.exterior, *body.plan.interiors):
@@ -173,8 +197,15 @@ def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
         for a, b in pairwise(xy):
             key = tuple(sorted((tuple(np.round(a, 3).tolist()), tuple(np.round(b, 3).tolist()))))
             covered = [(other.bottom, other.eaves) for other in others.get(key, [])]
-            for low, high in _uncovered(body.bottom, body.eaves, covered):
-                out["facade"].append(_fan(np.array([[*a, low], [*b, low], [*b, high], [*a, high]])))
+            stretches = _uncovered(body.bottom, body.eaves, covered)
+            for low, high in stretches:
+                frames = wall_windows(body, a, b, windows) if stretches == [(body.bottom, body.eaves)] else ()
+                if len(frames):
+                    wall, panes = glazed_wall(a, b, low, high, frames)
+                    out["facade"].append(wall)
+                    out["windows"].append(panes)
+                else:
+                    out["facade"].append(_fan(np.array([[*a, low], [*b, low], [*b, high], [*a, high]])))
     out["facade"].append(_cap(body.plan, body.bottom, up=False))
     if ridge is None:
         out["roof"].append(_cap(body.plan, body.eaves, up=True))
@@ -183,9 +214,19 @@ def build_body(body: Body, others: dict[tuple, list[Body]]) -> list[MeshPart]:
         out["facade"] += gables
         out["roof"] += slopes
     built = []
-    for use, material in (("facade", body.facade), ("roof", body.roof)):
+    for use, material in (("facade", body.facade), ("windows", PANE), ("roof", body.roof)):
+        if not out[use]:
+            continue
         built.append(MeshPart.of(f"Buildings/b_{body.name}/{use}", weld(merge(out[use])), material, "building"))
     return built
+
+
+def wall_windows(body: Body, a: np.ndarray, b: np.ndarray, windows: str) -> np.ndarray:
+    """Return the windows of a wall between two corners in plan, shape [N, 4], as `window_frames` does."""
+    if not body.storeys or windows == "none":
+        return np.zeros((0, 4))
+    width = float(np.linalg.norm(b - a))
+    return window_frames(width, max(body.bottom, 0.0), body.eaves, body.storeys, bands=windows == "bands")
 
 
 def _uncovered(low: float, high: float, covered: list[tuple[float, float]]) -> list[tuple[float, float]]:

@@ -1,5 +1,6 @@
 """Nodes, ways and relations of an OpenStreetMap extract in meters."""
 
+import xml.etree.ElementTree as ElementTree
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -33,6 +34,12 @@ class Extract:
     ways: list[Feature] = field(default_factory=list)
     relations: list[Feature] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    root: ElementTree.Element = field(default_factory=lambda: ElementTree.Element("osm"), repr=False)
+    """The elements of the file."""
+    places: dict[str, np.ndarray] = field(default_factory=dict, repr=False)
+    """Id of a node -> its position [m], shape [2]."""
+    frame: shapely.Polygon | None = None
+    """Border at which everything was cut [m]; None if it was not."""
 
 
 def is_building(tags: dict[str, str]) -> bool:

@@ -18,12 +18,13 @@ MAX_EXTENT = 20e3
 """Largest extent of an extract [m]: farther out a plane map is wrong by more than a few centimeters."""
 
 
-def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
+def read_extract(path: Path, origin: tuple[float, float] | None, bbox: np.ndarray | None = None) -> Extract:
     """Read an extract.
 
     Args:
         path: The file.
         origin: Latitude and longitude of (0, 0) [deg]; the middle of the extract's `bounds` if None, or of its nodes.
+        bbox: South, west, north and east [deg], shape [4], that count instead of the `bounds`.
 
     Raises:
         InputError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
@@ -33,7 +34,7 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
     if not nodes:
         raise InputError(f"{path}: has no nodes; an extract with nodes and ways is needed; download it again")
     position = np.array([_position(node, path) for node in nodes])
-    bounds = read_bounds(root, path)
+    bounds = read_bounds(root, path) if bbox is None else bbox
     if origin is None:
         box = np.concatenate([position.min(axis=0), position.max(axis=0)]) if bounds is None else bounds
         latitude, longitude = np.round(0.5 * (box[:2] + box[2:]), 6).tolist()
@@ -49,8 +50,8 @@ def read_extract(path: Path, origin: tuple[float, float] | None) -> Extract:
         return world_from_wgs84(np.pad(degrees, ((0, 0), (0, 1))), reference)[:, :2]
 
     xy = place(position)
-    extract = Extract(path, origin)
-    places = {node.get("id", ""): xy[k] for k, node in enumerate(nodes)}
+    extract = Extract(path, origin, root=root)
+    extract.places = places = {node.get("id", ""): xy[k] for k, node in enumerate(nodes)}
     extract.points = [
         Feature(f"n{node.get('id')}", tags, xy[k : k + 1]) for k, node in enumerate(nodes) if (tags := _tags(node))
     ]
@@ -122,6 +123,7 @@ def _cut_at_bounds(extract: Extract, bounds: shapely.Polygon | None) -> None:
     if bounds is not None:
         extract.points, _, _ = cut(extract.points, bounds)
     frame = bounds if bounds is not None else default_frame([*extract.ways, *extract.relations])
+    extract.frame = frame
     if frame is None:
         return
     ways, shortened, outside = cut([way for way in extract.ways if way.tags], frame)

@@ -1,0 +1,61 @@
+"""Lanes of an OpenStreetMap extract, by way of SUMO's netconvert."""
+
+from dataclasses import dataclass
+
+import shapely
+
+from mmw.core.errors import InputError
+from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.worlds.importers.osm.driving_side import tell_driving_side
+from mmw.worlds.importers.osm.feature import Extract
+from mmw.worlds.importers.osm.roads import road_elements
+from mmw.worlds.importers.sumo.lanes import build_lanes
+from mmw.worlds.importers.sumo.netconvert import convert_roads
+from mmw.worlds.importers.sumo.plan import plan_roads
+
+
+@dataclass(frozen=True)
+class Roads:
+    """Roads with lanes."""
+
+    lanes: LaneGraph
+    areas: dict[str, shapely.Geometry]
+    """`paved`, `raised` and `paint` in plan."""
+    is_left_hand: bool
+    notes: list[str]
+
+
+def build_roads(extract: Extract, driving_side: str) -> Roads:
+    """Return the roads of an extract.
+
+    Args:
+        extract: The extract.
+        driving_side: `left` or `right`; empty to tell it from the extract and its place.
+
+    Raises:
+        InputError: If there is no road that cars may use.
+        MissingPackageError: If netconvert is missing.
+    """
+    side, source = tell_driving_side(extract, driving_side)
+    elements, levels = road_elements(extract)
+    if elements.find("way") is None:
+        raise InputError(
+            f"{extract.path}: has no road that cars may use, so there is no traffic; choose another area, or import it "
+            "without --traffic"
+        )
+    network = convert_roads(elements, is_left_hand=side == "left")
+    graph, notes = build_lanes(network)
+    if not graph.lanes:
+        raise InputError(
+            f"{extract.path}: netconvert keeps none of its roads; choose a larger area, or import it without --traffic"
+        )
+    plan = plan_roads(network, graph)
+    lit = {lane.junction for lane in graph.lanes.values() if lane.signal}
+    crossings = sum(edge.function == "crossing" for edge in network.edges.values())
+    notes = [
+        f"vehicles drive on the {side} ({source}); driving_side=left or right changes it",
+        f"{len(lit)} junctions with traffic lights, {crossings} crossings",
+        *levels,
+        *notes,
+    ]
+    return Roads(graph, {"paint": plan["paint"], "paved": plan["paved"], "raised": plan["walk"]}, side == "left", notes)

@@ -1,0 +1,1 @@
+"""Import SUMO networks: lanes, junctions, crossings and sidewalks in plan."""
