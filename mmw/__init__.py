@@ -28,11 +28,12 @@ if TYPE_CHECKING:
     from mmw.physics.weather.weather import Weather
     from mmw.scene import Receiver, Scene, Transmitter, load_scene
     from mmw.sensors import register_sensor
+    from mmw.traffic.live.control import Control
 
     open = open_dataset
 
 __all__ = [
-    "Config", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMap",
+    "Config", "Control", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMap",
     "RadioMapSolver", "RadioMaterial", "Receiver", "Scene", "Simulation", "Transmitter", "Weather", "connect",
     "generate", "load_config", "load_scene", "open_dataset", "register_sensor",
 ]  # fmt: skip
@@ -58,6 +59,7 @@ _HOME = {
     "Weather": "mmw.physics.weather.weather",
     **dict.fromkeys(("Receiver", "Scene", "Transmitter", "load_scene"), "mmw.scene"),
     "register_sensor": "mmw.sensors",
+    "Control": "mmw.traffic.live.control",
 }
 """Name -> module that defines it, so that `import mmw` stays light."""
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from mmw.channel.path_table import CarrierPaths
 from mmw.channel.tables import LINKS
 from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
@@ -16,7 +17,8 @@ from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
-from mmw.dataset.column_arrays import arrays_of, values_of
+from mmw.dataset.column_arrays import arrays_of
+from mmw.dataset.sample_rows import Row, points_of, rows_of_table
 from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
     decode_flow,
@@ -28,8 +30,6 @@ from mmw.storage.codecs.images import (
 )
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import TABLES, views, views_of
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ class Agent:
         if row is None:
             return None
         columns = {column: value for column, value in row.items() if isinstance(value, np.ndarray)}
-        points = _points(columns) if spec.kind == "points" else None
+        points = points_of(columns) if spec.kind == "points" else None
         if points is None:
             return SimpleNamespace(**row)
         return PointCloud(self.name, name, self.sensor_pose(name), points, columns)
@@ -306,7 +306,7 @@ class Frame:
 
     def rows(self, table: str) -> list[Row]:
         """Return the rows of a table as mappings; lists of numbers are arrays."""
-        return _rows(self.table(table))
+        return rows_of_table(self.table(table))
 
     def row_of(self, table: str, agent: str, sensor: str) -> Row | None:
         """Return the row of one sensor in a table; None if there is none."""
@@ -314,8 +314,16 @@ class Frame:
         names = [found.column(name).to_pylist() for name in ("agent", "sensor")]
         for index, pair in enumerate(zip(*names, strict=True)):
             if pair == (agent, sensor):
-                return _rows(found.slice(index, 1))[0]
+                return rows_of_table(found.slice(index, 1))[0]
         return None
+
+    def paths(self, carrier_hz: float) -> CarrierPaths:
+        """Return the paths of all links of this frame at a carrier [Hz].
+
+        Raises:
+            InputError: If the frame has no paths at this carrier.
+        """
+        return CarrierPaths.from_table(self.table("paths"), carrier_hz, self.table("links"))
 
     @cached_property
     def sensor_rows(self) -> list[Row]:
@@ -350,11 +358,6 @@ class Frame:
         return tuple(found)
 
 
-def _rows(table: pa.Table) -> list[Row]:
-    columns = {name: values_of(table.column(name)) for name in table.column_names}
-    return [{name: values[index] for name, values in columns.items()} for index in range(table.num_rows)]
-
-
 def sensor_spec(row: Row) -> SensorSpec:
     """Return the kind of sensor of a row of table `sensors`.
 
@@ -378,14 +381,3 @@ def camera_view(agent: Agent, sensor: str) -> View:
     if sensor not in agent.views:
         raise InputError(f"sensor {sensor!r}: fx of {agent.name} is null in table sensors; a camera needs a number")
     return agent.views[sensor]
-
-
-def _points(columns: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Return points of x, y and z, which leave the columns, or of range, azimuth (to the left) and elevation."""
-    if columns.keys() >= set("xyz"):
-        return np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
-    if not columns.keys() >= {"range", "azimuth", "elevation"}:
-        return None
-    distance, azimuth, elevation = (columns[name] for name in ("range", "azimuth", "elevation"))
-    across = distance * np.cos(elevation)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), distance * np.sin(elevation)], axis=1)

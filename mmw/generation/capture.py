@@ -42,6 +42,12 @@ def capture_frames(
 
 def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Add frames, poses, boxes and, if there is a channel, lines of sight between antennas and actors."""
+    capture_world(batch, frames, collected)
+    capture_sight(batch, frames, collected)
+
+
+def capture_world(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Add frames, poses and boxes, which needs no tracing."""
     with batch.clock.stage("ground truth"):
         tables = {
             "frames": frame_rows(batch.arrays, frames, batch.config.seed),
@@ -49,12 +55,18 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
             "boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion)),
         }
         collect(collected, tables)
-        if batch.config.channel.enabled:
-            channel = batch.config.channel
-            due = channel.is_due(frames, batch.arrays.rate_hz)
-            for antenna in channel.antennas:
-                sight = trace_sight(batch.scene.optical, frames, antenna, due)
-                collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
+
+
+def capture_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Add lines of sight between antennas and actors if there is a channel."""
+    channel = batch.config.channel
+    if not channel.enabled:
+        return
+    with batch.clock.stage("ground truth"):
+        due = channel.is_due(frames, batch.arrays.rate_hz)
+        for antenna in channel.antennas:
+            sight = trace_sight(batch.scene.optical, frames, antenna, due)
+            collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
 
 
 def capture_sensors(

@@ -1,4 +1,4 @@
-"""Replay a scenario frame by frame in memory: the rows that a run would store, without a dataset."""
+"""Simulate a scenario frame by frame in memory: replay the rows that a run would store, or step live traffic."""
 
 import logging
 import os
@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from operator import index
 from pathlib import Path
+from typing import Literal
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -19,10 +20,12 @@ from mmw.config.load import Source, base_folder, in_config, load_config, place_o
 from mmw.core.device import choose_device, writer_threads
 from mmw.core.errors import InputError
 from mmw.core.timing import StageTimer
+from mmw.dataset import Dataset
 from mmw.dataset.frame import Frame
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.estimate import check_inputs
+from mmw.generation.live.live_run import LiveRun
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
 from mmw.generation.precompile import compiled_ahead, warm_up
 from mmw.generation.shards import Work
@@ -30,6 +33,7 @@ from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.rows import static_rows
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.arrow_tables import normalize_names, table_from_columns
+from mmw.traffic.live.control import Control
 
 LOGGER = logging.getLogger(__name__)
 
@@ -67,6 +71,7 @@ class Simulation:
         weather: str | None = None,
         base: str | os.PathLike[str] | None = None,
         device: str = "auto",
+        mode: Literal["replay", "live"] = "replay",
     ) -> None:
         """Simulate the traffic, read the scenario, and load it onto the device.
 
@@ -81,10 +86,11 @@ class Simulation:
             base: Folder that relative paths of input files start from. By default that of the configuration file; the
                 current folder for a mapping and a `Config`.
             device: `cpu`, `cuda:N`, or `auto` for `compute.device`, by default the first CUDA device, else the CPU.
+            mode: `replay` traces the frames of the configuration. `live` steps them one by one, with controls.
 
         Raises:
             ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
-            InputError: If there is no such scenario, weather or device.
+            InputError: If there is no such scenario, weather, device or mode, or its traffic cannot be stepped.
             OutOfSpaceError: If the disk of temporary files is full.
         """
         found = load_config(config, base=base)
@@ -110,6 +116,14 @@ class Simulation:
             check_inputs(found.model_copy(update={"scenarios": (chosen,)}), where)
         self.device = choose_device(found.compute.device if device == "auto" else device)
         """Warp device that traces."""
+        self._live: LiveRun | None = None
+        if mode == "live":
+            self._live = LiveRun(found, chosen, self.weather, where, place_of(config), self.device)
+            self.frames = self._live.frames
+            self.reset()
+            return
+        if mode != "replay":
+            raise InputError(f"mode = {mode!r}: there are replay and live; name one of them")
         self._step = min(found.compute.batch_frames, FRAMES_PER_LAUNCH[self.device.partition(":")[0]])
         with ExitStack() as stack:
             self._load(chosen, where, stack)
@@ -147,14 +161,78 @@ class Simulation:
 
     def close(self) -> None:
         """Free the device and remove the temporary folder; frames stay usable, and closing again changes nothing."""
+        if self._live is not None:
+            self._live.close()
+            return
         with self._lock:
             self._batch = None
             self._finalizer()
+
+    def reset(self, seed: int | None = None) -> Frame:
+        """Start a live episode and return its first frame; the object is made with the seed of the configuration.
+
+        Without a seed, or with the same, the town stays on the device, which is fast. Another seed makes another
+        fleet, whose stage is written and read anew.
+
+        Args:
+            seed: In place of `seed` of the configuration, from now on.
+
+        Raises:
+            InputError: If the mode is not live, the seed is none, or the simulation is closed.
+        """
+        frame = self._stepped("reset").reset(seed)
+        self.static_tables = self._stepped("reset").static_tables
+        _log(self._stepped("reset").new_notes())
+        return frame
+
+    def step(self, controls: Mapping[str, Control | None] | None = None) -> Frame:
+        """Advance live traffic by 10 ms and return the new frame, of which nothing is traced before it is looked at.
+
+        Args:
+            controls: Name of an actor -> what it does; holds until the next control of the same actor. `None` or
+                `Control()` gives a vehicle back to its driver.
+
+        Raises:
+            InputError: If the mode is not live, the episode is over, there is no such actor, it cannot do this, or the
+                simulation is closed. Traffic has not moved then.
+        """
+        return self._stepped("step").step(controls)
+
+    def save(self, out: str | os.PathLike[str], *, overwrite: bool = False) -> Dataset:
+        """Write all frames of the live episode up to the present one as a dataset, and open it.
+
+        Every sensor of every frame is in it, also those that were not looked at; they are traced now, from the poses
+        that were driven. Rows that were looked at are the same, bit for bit.
+
+        Args:
+            out: Dataset folder, or `s3://bucket/folder`.
+            overwrite: Replace the data in the folder.
+
+        Raises:
+            InputError: If the mode is not live, the folder has other data, or the simulation is closed.
+            Error: If the disk is full.
+        """
+        return self._stepped("save").save(out, overwrite)
+
+    @property
+    def lane_changes(self) -> list[tuple[float, str, str, str]]:
+        """Changes of lanes in a live episode: time of the decision [s], vehicle, lane before, lane after."""
+        return self._stepped("lane_changes").lane_changes
+
+    def _stepped(self, method: str) -> LiveRun:
+        if self._live is None:
+            raise InputError(f"simulation of {self.scenario}: {method} needs mode='live'; this one replays")
+        return self._live
+
+    def _check_replayed(self) -> None:
+        if self._live is not None:
+            raise InputError(f"simulation of {self.scenario}: is live; use reset and step, or mode='replay'")
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def __iter__(self) -> Iterator[Frame]:
+        self._check_replayed()
         first = self.frames.start
         while first < self.frames.stop:
             some = range(first, min(first + self._step, self.frames.stop))
@@ -188,6 +266,7 @@ class Simulation:
         """Trace some frames, in one launch if the memory is enough."""
         found: list[Frame] = []
         work = Work(self.scenario, frames.start, frames.stop, (self.weather,))
+        self._check_replayed()
         with self._lock:  # the device holds one batch of frames
             if self._batch is None:
                 raise InputError(f"simulation of {self.scenario}: is closed; make another one")

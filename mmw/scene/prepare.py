@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from mmw import __version__
@@ -103,10 +103,39 @@ def prepare_scenario(
     made = parse_digests(note.read_bytes() if note.is_file() else None)
     if made is not None and path.is_file() and made["sha256"] == sha256(path) and made.get("inputs", inputs) == inputs:
         return path
-    names = config.variants[config.weathers[0]]
     tracks = make_tracks(config, scenario, source, load_catalog(), base, report)
+    return write_stage(config, scenario, base, root, tracks, inputs)
+
+
+def write_stage(
+    config: Config,
+    scenario: ScenarioConfig,
+    base: Path,
+    root: Path,
+    tracks: Sequence[VehicleTrack],
+    inputs: Mapping[str, str] | None = None,
+    meta: Mapping[str, str] | None = None,
+) -> Path:
+    """Write the USD stage of a scenario in a town with these moving actors, and its hash; return its path.
+
+    Args:
+        config: The configuration.
+        scenario: One of its scenarios that has a town.
+        base: Folder that relative paths start from.
+        root: Folder of the dataset.
+        tracks: Vehicles, people and drones; `pose_stride` poses a frame.
+        inputs: Hashes of the scenario's input files.
+        meta: Further facts that the stage tells.
+
+    Raises:
+        InputError: If town or tracks cannot be used.
+        OutOfSpaceError: If the disk is full.
+    """
+    source, names = scenario_source(scenario, base), config.variants[config.weathers[0]]
+    rsus = [(rsu.name, pose_from_mount(rsu.position_m, rsu.yaw_deg)) for rsu in scenario.rsus]
     if config.vary is not None and config.vary.rsu is not None:
         rsus = draw_rsu_poses(config, scenario, source)
+    path = root / STAGES / f"{scenario.name}.usdc"
     path.parent.mkdir(parents=True, exist_ok=True)
     compose_scenario(
         path,
@@ -117,12 +146,13 @@ def prepare_scenario(
         base_stations=station_poses(config, scenario, source),
         sensors=config.sensors,
         weather=choose_variant(names, weather_variants(source)) or names[0],
-        meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed},
+        meta={"mmw": __version__, "scenario": scenario.name, "seed": config.seed, **(meta or {})},
         antennas=config.channel.antennas if config.channel.enabled else (),
         assets=root / ASSETS,
         rate_hz=config.frame_rate_of(scenario),
     )
-    _write_digests(note, path, root, str(scenario.town), inputs)
+    note = root / STAGES / f"{scenario.name}.json"
+    _write_digests(note, path, root, str(scenario.town), dict(inputs or {}))
     return path
 
 
@@ -173,20 +203,34 @@ def make_tracks(
     Raises:
         InputError: If the town and the traffic do not go together, see `simulate_traffic`.
     """
+    where = f"scenario {scenario.name!r}: traffic"
+    demand = make_demand(config, scenario, source, catalog, base)
+    try:
+        result = simulate_traffic(demand)
+        for text in result.notes:
+            report(f"{where}: {text}")
+        tracks = [*result.tracks, *fly_drones(scenario.uavs, demand.frame_count)]
+        return sample_tracks(tracks, config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario))
+    except InputError as error:
+        raise InputError(f"{where}.{error}") from error
+
+
+def make_demand(
+    config: Config, scenario: ScenarioConfig, source: Path, catalog: Mapping[str, VehicleModel], base: Path
+) -> TrafficDemand:
+    """Return the traffic that a scenario needs, up to one frame beyond its last; arguments as of `make_tracks`.
+
+    Raises:
+        InputError: If the scenario has no traffic, or the town cannot be used.
+    """
     town, traffic, where = open_town(source), scenario.traffic, f"scenario {scenario.name!r}: traffic"
     if traffic is None:
         raise InputError(f"{where}: is missing; `town` needs it (vehicle_count, spawn_center_m, cav_ranks)")
     try:
-        frame_count, rate_hz = config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario)
+        count = base_frames(config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario))
         spawn = config.vary.spawn if config.vary else None
-        count = base_frames(frame_count, rate_hz)
         drivers = scenario_drivers(config, traffic)
-        demand = TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn, drivers=drivers)
-        result = simulate_traffic(demand)
-        for text in result.notes:
-            report(f"{where}: {text}")
-        tracks = [*result.tracks, *fly_drones(scenario.uavs, count)]
-        return sample_tracks(tracks, frame_count, rate_hz)
+        return TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn, drivers=drivers)
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
 

@@ -193,7 +193,7 @@ def place_on_ground(
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
     behind = np.interp(line.station[rows] - shape.wheelbase, line.station, line.points[:, 2])
     drops = []
-    for x, y in _wheel_places(shape):
+    for x, y in wheel_places(shape):
         wheel = track.center[rows] + x * forward + y * left
         drops.append(np.column_stack([wheel, line.points[rows, 2] if x > 0 else behind]))
     height = ground.heights(np.concatenate(drops)).reshape(4, -1)
@@ -210,8 +210,8 @@ def place_on_ground(
         axis=1,
     )
     smooth = np.column_stack([_follow(plane[:, :1], GROUND_SIGMA), _follow(plane[:, 1:], TILT_SIGMA)])
-    tyre = smooth @ np.array([(1.0, x, y) for x, y in _wheel_places(shape)]).T
-    lift_x, lift_y = _lean(shape)
+    tyre = smooth @ np.array([(1.0, x, y) for x, y in wheel_places(shape)]).T
+    lift_x, lift_y = lean_per_acceleration(shape)
     leaning = LEAN_ACCELERATION * (0.5 * shape.wheelbase * lift_x + 0.5 * shape.track * lift_y)
     floating = (np.abs(tyre - height.T) > MAX_FLOAT - leaning).any(axis=1) & (line.station[rows] >= start)
     if floating.any():
@@ -230,7 +230,7 @@ def _follow(columns: np.ndarray, sigma: float) -> np.ndarray:
     return smooth + gaussian_smooth(columns - smooth, sigma / PATH_STEP)
 
 
-def _wheel_places(shape: Shape) -> list[tuple[float, float]]:
+def wheel_places(shape: Shape) -> list[tuple[float, float]]:
     """Return x and y of the wheels in the body frame [m]: front left, front right, rear left, rear right."""
     x, y = 0.5 * shape.wheelbase, 0.5 * shape.track
     return [(x, y), (x, -y), (-x, y), (-x, -y)]
@@ -253,14 +253,25 @@ def sample_poses(stance: Stance, station: np.ndarray) -> np.ndarray:
     acceleration = gaussian_smooth(np.gradient(velocity, FRAME_DT, axis=0), LEAN_SIGMA / FRAME_DT)
     along = acceleration[:, 0] * np.cos(heading) + acceleration[:, 1] * np.sin(heading)
     aside = acceleration[:, 1] * np.cos(heading) - acceleration[:, 0] * np.sin(heading)
-    lift_x, lift_y = _lean(shape)
+    lift_x, lift_y = lean_per_acceleration(shape)
     slope_x, slope_y = slope_x + lift_x * along, slope_y + lift_y * aside
+    return tilted_poses(x, y, height, heading, slope_x, slope_y)
+
+
+def tilted_poses(
+    x: np.ndarray, y: np.ndarray, height: np.ndarray, heading: np.ndarray, slope_x: np.ndarray, slope_y: np.ndarray
+) -> np.ndarray:
+    """Return body-to-world poses of bodies at places [m] with headings [rad] and slopes forward and to the left.
+
+    Returns:
+        Poses (x, y, z, qx, qy, qz, qw), shape [F, 7], float64.
+    """
     pitch = np.arctan(slope_x)
     roll = np.arctan(slope_y * np.cos(pitch))
     return np.column_stack([x, y, height, _quaternion(heading, -pitch, roll)])
 
 
-def _lean(shape: Shape) -> tuple[float, float]:
+def lean_per_acceleration(shape: Shape) -> tuple[float, float]:
     """Return how much the slopes along and aside grow per acceleration along and aside [s^2/m].
 
     Source: static load transfer over the tyres' stiffness, Gillespie, Fundamentals of Vehicle Dynamics, chapter 1:

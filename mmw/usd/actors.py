@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
-from pxr import Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom
 
 from mmw.core.errors import InputError
 from mmw.core.transforms import continuous, quaternion_from_matrix
@@ -165,6 +165,29 @@ def model_matrix(meshes: MeshReader, mesh: FoundMesh, actor: Usd.Prim) -> np.nda
             )
     to_actor = meshes.relative(mesh.anchor, actor)
     return to_actor if mesh.to_anchor is None else mesh.to_anchor @ to_actor
+
+
+def poses_read_back(poses: np.ndarray) -> np.ndarray:
+    """Return poses as `actor_poses` reads them, to the bit, from a stage in meters that they are written into.
+
+    A stage turns quaternions into matrices, which costs the last bits.
+
+    Args:
+        poses: Body to world with unit quaternions, shape [V, 7], float64; NaN where absent.
+
+    Returns:
+        Shape [V, 7]; the signs of quaternions are those of `quaternion_from_matrix`.
+    """
+    out = np.full(poses.shape, np.nan)
+    there = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    matrices = np.empty((len(there), 4, 4))
+    for row, (x, y, z, qx, qy, qz, qw) in enumerate(poses[there].tolist()):
+        matrix = Gf.Matrix4d(1.0).SetRotate(Gf.Rotation(Gf.Quatd(qw, qx, qy, qz)))  # as UsdGeomXformOp does
+        matrices[row] = matrix.SetTranslateOnly(Gf.Vec3d(x, y, z))
+    out[there, :3] = matrices[:, 3, :3]
+    rigid = _orthonormal(matrices[None, :, :3, :3], [])[0]
+    out[there, 3:] = quaternion_from_matrix(np.swapaxes(rigid, -1, -2))
+    return out
 
 
 def _orthonormal(linear: np.ndarray, actors: list[FoundActor]) -> np.ndarray:

@@ -27,6 +27,7 @@ NOT_RUN = {
     "guides/sweeps.md": 0,
     "guides/scene.md": 0,
     "guides/python-generate.md": 0,
+    "guides/closed-loop.md": 0,
     "guides/query.md": 1,
     "guides/csi.md": 0,
     "guides/radio-maps.md": 1,
@@ -81,6 +82,11 @@ def test_tour(clone: Path) -> None:
 def test_generate_and_replay_from_python(tmp_path: Path) -> None:
     run_page(DOCS / "guides" / "python-generate.md", tmp_path)
     assert (tmp_path / "out" / "small" / "dataset.json").is_file()
+
+
+@pytest.mark.slow
+def test_closed_loop(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "closed-loop.md", tmp_path)
 
 
 @pytest.mark.parametrize("page", ["query", "csi", "materials"])

@@ -86,7 +86,7 @@ class IdmEngine:
         self._grant(leaders)
         if self.changes is not None:
             self.changes.decide(self)
-        desired = [desired_acceleration(car, *leader[:2]) for car, leader in zip(self.cars, leaders, strict=True)]
+        desired = [self._desire(index, leader) for index, leader in enumerate(leaders)]
         for index, (car, acceleration) in enumerate(zip(self.cars, desired, strict=True)):
             integrate(car, acceleration)
             car.stopped_time = car.stopped_time + STEP if car.speed < STANDING else 0.0
@@ -96,6 +96,10 @@ class IdmEngine:
                 self.blockers.setdefault(index, []).append(span.vehicle)
         self.time += STEP
         self.steps += 1
+
+    def _desire(self, index: int, leader: Leader) -> float:
+        """Return the acceleration that the driver of a vehicle behind a leader desires [m/s^2]."""
+        return desired_acceleration(self.cars[index], *leader[:2])
 
     def _find_spans(self) -> dict[str, list[OccupiedSpan]]:
         spans: dict[str, list[OccupiedSpan]] = {}

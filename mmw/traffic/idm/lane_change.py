@@ -193,16 +193,31 @@ class LaneChanges:
                 continue
             best = max(options, key=lambda option: option.advantage)
             car.settled = engine.time
-            plan = self.plan(index, car, best, engine.time)
-            if plan is None or not _is_smooth(car, plan):
-                continue
-            car.follow(plan)
-            car.granted = sum(passage.first_segment <= car.segment for passage in plan.passages)
-            engine.cancel_reservations(index, car.front)
-            car.changes += 1
-            self.done.append((engine.time, index, lane.name, best.lane))
-            span = OccupiedSpan(best.rear, best.rear + car.shape.length, index, car.segment + 1)
-            engine.spans.setdefault(best.lane, []).append(span)
+            self._begin(engine, index, lane, best)
+
+    def ask(self, engine: "IdmEngine", index: int, side: str) -> bool:
+        """Begin a change to the `left` or `right` that is safe, whether it gains anything or not; return whether."""
+        car = engine.cars[index]
+        lane = self.graph.lanes[car.line.lanes[car.segment]]
+        other = lane.left if side == "left" else lane.right
+        if not other or lane.junction or car.change is not None or car.rear_segment != car.segment:
+            return False
+        found = self._consider(index, engine, lane, other, is_asked=True)
+        return found is not None and self._begin(engine, index, lane, found)
+
+    def _begin(self, engine: "IdmEngine", index: int, lane: Lane, best: DesiredChange) -> bool:
+        car = engine.cars[index]
+        plan = self.plan(index, car, best, engine.time)
+        if plan is None or not _is_smooth(car, plan):
+            return False
+        car.follow(plan)
+        car.granted = sum(passage.first_segment <= car.segment for passage in plan.passages)
+        engine.cancel_reservations(index, car.front)
+        car.changes += 1
+        self.done.append((engine.time, index, lane.name, best.lane))
+        span = OccupiedSpan(best.rear, best.rear + car.shape.length, index, car.segment + 1)
+        engine.spans.setdefault(best.lane, []).append(span)
+        return True
 
     def _is_free(self, car: Car, engine: "IdmEngine", leader: Leader) -> bool:
         """Return whether a driver may change: on one lane, behind another vehicle, not in a junction."""
@@ -212,8 +227,10 @@ class LaneChanges:
         ahead = engine.cars[leader[2].vehicle].line.lanes[leader[2].segment]
         return not self.graph.lanes[name].junction and ahead == name and engine.time - car.settled >= BETWEEN_CHANGES
 
-    def _consider(self, index: int, engine: "IdmEngine", lane: Lane, other: str) -> DesiredChange | None:
-        """Return the change to a lane beside, or None if it is unsafe, gains nothing or does not fit."""
+    def _consider(
+        self, index: int, engine: "IdmEngine", lane: Lane, other: str, is_asked: bool = False
+    ) -> DesiredChange | None:
+        """Return the change to a lane beside, or None if it is unsafe, gains nothing unless asked, or does not fit."""
         car, leader = engine.cars[index], engine.leaders[index]
         begin, desired = car.begins[car.segment], car.desired_speed(car.station)
         row = int(np.ceil((car.station + AHEAD + EXTENSION) / PATH_STEP))
@@ -243,7 +260,7 @@ class LaneChanges:
             follow_leader(car.speed, desired, car.headway, *leader[:2]),
             follow_leader(car.speed, desired, car.headway, gap, speed),
         )
-        if own[1] < -SAFE_BRAKING or own[1] - own[0] < THRESHOLD:
+        if own[1] < -SAFE_BRAKING or (own[1] - own[0] < THRESHOLD and not is_asked):
             return None
         if not self._has_place(engine, other, rear):
             return None
@@ -261,7 +278,8 @@ class LaneChanges:
             behind, further = engine.cars[old[0]], old[1] + car.shape.length + leader[0]
             old_change = (_acceleration(behind, old[1], car.speed), _acceleration(behind, further, leader[1]))
         gain = advantage(own, new_change, old_change)
-        return DesiredChange(other, row, length, length / least, gain, rear) if gain > THRESHOLD else None
+        pays = is_asked or gain > THRESHOLD
+        return DesiredChange(other, row, length, length / least, gain, rear) if pays else None
 
     def _has_place(self, engine: "IdmEngine", other: str, rear: float) -> bool:
         """Return whether vehicles that may enter a lane still have room on it behind a new leader."""

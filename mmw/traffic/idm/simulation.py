@@ -1,5 +1,8 @@
 """Run the IDM engine: from a demand to the 6-DoF poses of all its vehicles."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 
 from mmw.core.constants import FRAME_RATE_HZ
@@ -16,6 +19,8 @@ from mmw.traffic.smoothing import gaussian_smooth
 from mmw.traffic.spawn import SETTLE_S, Placed, name_vehicle, place_starts, vehicle_order
 from mmw.traffic.vehicle_pose import sample_poses
 
+Engine = TypeVar("Engine", bound=IdmEngine)
+
 STATION_SIGMA = 0.12
 """Gaussian on the station over time, standard deviation [s]."""
 
@@ -25,8 +30,12 @@ def start_idm(demand: TrafficDemand) -> IdmEngine:
     return start_fleet(demand)[0]
 
 
-def start_fleet(demand: TrafficDemand) -> tuple[IdmEngine, Placed[Car]]:
+def start_fleet(demand: TrafficDemand, engine_type: Callable[..., Engine] = IdmEngine) -> tuple[Engine, Placed[Car]]:
     """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0, and who they are.
+
+    Args:
+        demand: The scenario.
+        engine_type: Engine that moves them, with the arguments of `IdmEngine`.
 
     Raises:
         InputError: If the town has too few places, no model can drive from any of them without leaving the road, or
@@ -43,7 +52,7 @@ def start_fleet(demand: TrafficDemand) -> tuple[IdmEngine, Placed[Car]]:
     fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ)
     placed = place_starts(demand, fleet.endless, fleet.add)
     changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
-    return IdmEngine(graph, placed.vehicles, changes, plans, -before), placed
+    return engine_type(graph, placed.vehicles, changes, plans, -before), placed
 
 
 def simulate_idm(demand: TrafficDemand) -> TrafficResult:

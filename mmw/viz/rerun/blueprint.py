@@ -8,7 +8,7 @@ import rerun.blueprint as rrb
 
 from mmw.config.sensor_spec import SENSORS
 from mmw.dataset import Dataset
-from mmw.dataset.frame import Row
+from mmw.dataset.sample_rows import Row
 from mmw.viz.plots.samples import drawn_types, label_of
 from mmw.viz.rerun.entities import BOXES, PATHS, WORLD, paths_entity, reading_entity, sensor_entity
 from mmw.viz.rerun.selection import Scope

@@ -9,7 +9,8 @@ import rerun as rr
 
 from mmw.core.registry import load_reference
 from mmw.core.transforms import quaternion_from_ypr
-from mmw.dataset.frame import Agent, Frame, PointCloud, Row, sensor_spec
+from mmw.dataset.frame import Agent, Frame, PointCloud, sensor_spec
+from mmw.dataset.sample_rows import Row
 from mmw.viz.plots.style import object_colors
 from mmw.viz.rerun.entities import BOXES, agent_entity, sensor_entity
 from mmw.viz.rerun.samples import viewer_view

@@ -8,7 +8,8 @@ import rerun as rr
 from PIL import Image
 
 from mmw.config.sensor_spec import SensorSpec
-from mmw.dataset.frame import Agent, PointCloud, Row, sensor_spec
+from mmw.dataset.frame import Agent, PointCloud, sensor_spec
+from mmw.dataset.sample_rows import Row
 from mmw.viz.plots.bird_eye import HEIGHT_M
 from mmw.viz.plots.readings import scalar_columns
 from mmw.viz.plots.samples import encoded_image

@@ -7,7 +7,7 @@ import rerun as rr
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.camera_models import Intrinsics
 from mmw.dataset.camera_geometry import intrinsics_from_row, pose_from_row
-from mmw.dataset.frame import Row
+from mmw.dataset.sample_rows import Row
 from mmw.viz.plots.paths import ANTENNA
 from mmw.viz.plots.readings import scalar_columns
 from mmw.viz.rerun.entities import agent_entity, reading_entity, sensor_entity

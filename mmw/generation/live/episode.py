@@ -1,0 +1,77 @@
+"""One run of live traffic in a town: what was driven so far, as the scene's arrays at any of its frames."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mmw.core.transforms import continuous, normalize
+from mmw.scene.scene_data import SceneData
+from mmw.traffic.live.control import Control
+from mmw.traffic.live.live_traffic import LiveTraffic
+from mmw.usd.actors import poses_read_back
+
+BEFORE = 4
+"""Frames before the present one in the arrays of a frame; late accelerometers look two back, derivatives one."""
+
+
+class Episode:
+    """Traffic from its start to the present frame.
+
+    Attributes:
+        traffic: The actors.
+        frame: The present frame; the next one is known too, so that velocities are central differences.
+    """
+
+    def __init__(self, traffic: LiveTraffic, data: SceneData, first: int) -> None:
+        """Go to the first frame, > 0; the frame before it is known too.
+
+        Args:
+            traffic: At its start.
+            data: The scene with all actors, in a few frames at the start.
+            first: The first frame.
+        """
+        self.traffic = traffic
+        self.frame = first
+        self.first = first
+        self._data = data
+        names = {name: column for column, name in enumerate(traffic.names)}
+        pairs = [(column, names[actor.name]) for column, actor in enumerate(data.actors) if actor.name in names]
+        self._column, self._source = (np.array(side, dtype=np.int64) for side in zip(*pairs, strict=True))
+        self._still = data.frame_poses[-1]
+        self._rows: list[np.ndarray] = []
+        self._turn: np.ndarray | None = None
+        self._next = 0
+        self._advance()
+
+    def step(self, controls: Mapping[str, Control | None]) -> int:
+        """Go to the next frame, and return its number; controls hold until the next ones.
+
+        Raises:
+            InputError: If a control cannot be obeyed; nothing has changed then.
+        """
+        self.traffic.command(controls)
+        self.frame += 1
+        self._advance()
+        return self.frame
+
+    def _advance(self) -> None:
+        """Make the rows up to the frame after the present one, as the stage of a saved episode will give them."""
+        self.traffic.advance(self.frame + 2)
+        while self._next < self.frame + 2:
+            poses = self.traffic.poses[self._next][self._source]
+            turn = normalize(poses[:, 3:])
+            self._turn = continuous(np.stack([turn if self._turn is None else self._turn, turn]))[1]
+            if self._next >= self.first - 1:
+                row = self._still.copy()
+                row[self._column] = poses_read_back(np.concatenate([poses[:, :3], self._turn], axis=1))
+                if self._rows:
+                    row[:, 3:] = continuous(np.stack([self._rows[-1][:, 3:], row[:, 3:]]))[1]
+                self._rows.append(row)
+            self._next += 1
+
+    def arrays(self, frame: int) -> SceneData:
+        """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""
+        start = max(frame - BEFORE, self.first - 1)
+        own = self._rows[start - self.first + 1 : frame - self.first + 3]
+        return replace(self._data, frames=range(start, frame + 2), poses=np.stack(own))

@@ -1,0 +1,1 @@
+"""Traffic that is stepped live: controls of vehicles, causal filters, obstacles off the lanes."""

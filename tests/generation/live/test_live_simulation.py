@@ -1,0 +1,200 @@
+"""Live simulation: frames that are traced when looked at, equal to those of the dataset that is saved."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import mmw
+from mmw import Control
+from mmw.cli.verify import main as verify
+from mmw.core.errors import InputError
+from tests.fixtures.own_world import DATA
+from tests.fixtures.simulated_files import assert_same_samples, write_simulated
+
+SENSORS = (
+    "sensors=[{type: lidar, channels: 8, points_per_channel: 45, scene_flow: true}, {type: imu}, {type: gnss}, "
+    "{type: radar, azimuth_rays: 24, elevation_rays: 8}, "
+    "{type: rgb, name: front, width_px: 32, height_px: 24, rate_hz: 50}, "
+    "{type: depth, width_px: 32, height_px: 24, segmentation: true}]"
+)
+TRAFFIC = [
+    "scenarios.town03_roundabout.traffic.vehicle_count=9",
+    "scenarios.town03_roundabout.traffic.pedestrian_count=3",
+]
+DRIVE = [
+    {"cav_1": Control(acceleration_m_s2=-2.0), "cav_2": Control(target_speed_m_s=3.0)},
+    {},
+    {"cav_1": Control(steering_rad=0.1)},
+    {"ped_001": Control(pose=[10.0, -20.0, 0.1, 0.5]), "cav_2": None},
+]
+
+
+@pytest.fixture(scope="module")
+def config() -> mmw.Config:
+    """Return a small scenario of 40 frames with every kind of sensor."""
+    return mmw.load_config("quickstart", ["frames.count=40", SENSORS, *TRAFFIC])
+
+
+@pytest.fixture(scope="module")
+def live(config: mmw.Config) -> Iterator[mmw.Simulation]:
+    """Return one live simulation for all tests."""
+    with mmw.Simulation(config, mode="live", device="cpu") as simulation:
+        yield simulation
+
+
+def drive(simulation: mmw.Simulation) -> list[mmw.Frame]:
+    """Return the frames of an episode with controls."""
+    frames = [simulation.reset()]
+    return [*frames, *(simulation.step(controls) for controls in DRIVE), *(simulation.step() for _ in range(6))]
+
+
+@pytest.mark.slow
+def test_saved_episode_has_the_rows_that_were_seen_and_passes_verify(live: mmw.Simulation, tmp_path: Path) -> None:
+    frames = drive(live)
+    assert [frame.frame for frame in frames] == list(range(1, 12))
+    saved = live.save(tmp_path / "saved")
+    assert saved.read("frames").column("frame").to_pylist() == list(range(1, 12))
+    assert verify([str(tmp_path / "saved")]) == 0
+    files = write_simulated(live, frames, tmp_path / "saved", tmp_path / "seen")
+    assert len(files) > 15
+    assert [name for name in files if (tmp_path / "seen" / name).read_bytes() != (saved.root / name).read_bytes()] == []
+    more = {path.relative_to(tmp_path / "seen").as_posix() for path in (tmp_path / "seen").rglob("part-*")} - {*files}
+    assert not any(
+        pq.read_table(tmp_path / "seen" / name).num_rows for name in more
+    )  # such as satellites, unless traced
+    assert all(assert_same_samples(saved.frame(live.scenario, "sunny", frame.frame), frame) for frame in frames[:3])
+    live.step()
+    with pytest.raises(InputError, match="overwrite"):
+        live.save(tmp_path / "saved")
+    assert live.save(tmp_path / "saved", overwrite=True).read("frames").num_rows == 12
+
+
+def test_a_sensor_of_an_agent_alone_is_that_of_all(live: mmw.Simulation) -> None:
+    alone, whole = live.reset(), live.reset()
+    whole.table("lidar"), whole.table("rgb")
+    for name in ("cav_1", "rsu_1"):
+        one, other = (frame.agents[name].sensor("lidar") for frame in (alone, whole))
+        assert len(one) > 10 and np.array_equal(one.points, other.points)
+        assert np.array_equal(alone.agents["cav_1"].sensor("imu").ax, whole.agents["cav_1"].sensor("imu").ax)
+    assert alone.agents["cav_1"].sensor("front") is not None
+    with pytest.raises(InputError, match="name one"):
+        alone.agents["cav_1"].sensor("nose")
+
+
+def test_same_seed_and_controls_give_the_same_rows_and_old_frames_stay_theirs(live: mmw.Simulation) -> None:
+    """Frames of the first drive are traced after the second one has gone over the same numbers."""
+    first = drive(live)
+    seen = drive(live)
+    for old, new in ((first[-1], seen[-1]), (first[2], seen[2])):
+        for table in ("poses", "boxes", "imu", "lidar", "paths"):
+            assert repr(old.table(table).to_pylist()) == repr(new.table(table).to_pylist()), table
+    live.reset()
+    other = live.step({"cav_1": Control(acceleration_m_s2=2.0)})
+    for _ in range(9):
+        other = live.step()
+    assert other.frame == first[-1].frame
+    assert other.agents["cav_1"].pose.tolist() != first[-1].agents["cav_1"].pose.tolist()
+
+
+def test_paths_and_links_are_those_of_the_view(live: mmw.Simulation) -> None:
+    frame = live.reset()
+    paths = frame.paths(28e9)
+    assert paths.link_count == 3
+    assert len(paths) == sum(len(link.paths["a_re"]) for link in frame.links if link.carrier_hz == 28e9) > 0
+
+
+def test_actor_is_where_the_pose_says_two_frames_later(live: mmw.Simulation) -> None:
+    """The next frame is known already, for the velocities of the present one."""
+    live.reset()
+    pose = [12.0, -18.0, 0.2, 0.5]
+    frames = [live.step({"ped_001": Control(pose=pose)}), live.step(), live.step()]
+    places = [frame.boxes.columns for frame in frames]
+    at = next(row["object_id"] for row in frames[0].data.read("objects").to_pylist() if row["actor"] == "ped_001")
+    found = [columns["x"][list(columns["object_id"]).index(at)] for columns in places]
+    assert abs(found[0] - 12.0) > 0.1 and found[1] == pytest.approx(12.0, abs=0.05) and found[2] == found[1]
+
+
+@pytest.mark.slow
+def test_two_simulations_at_once_do_not_disturb_each_other(live: mmw.Simulation, config: mmw.Config) -> None:
+    live.reset()
+    with mmw.Simulation(config, mode="live", device="cpu") as other:
+        for _ in range(3):
+            mine = live.step({"cav_1": Control(acceleration_m_s2=-3.0)})
+            theirs = other.step()
+        kept, lost = mine.table("lidar"), other.step()
+        assert mine.table("poses") != theirs.table("poses")
+    live.reset()
+    for _ in range(3):
+        again = live.step({"cav_1": Control(acceleration_m_s2=-3.0)})
+    assert again.table("lidar") == kept
+    assert theirs.table("poses").num_rows > 0  # looked at before
+    with pytest.raises(InputError, match="was closed or reset"):
+        lost.table("lidar")
+    for call in (other.step, other.reset, lambda: other.save("x"), lambda: other.lane_changes):
+        with pytest.raises(InputError, match="is closed"):
+            call()
+    other.close()
+
+
+@pytest.mark.slow
+def test_another_seed_makes_another_fleet(config: mmw.Config) -> None:
+    with mmw.Simulation(config, mode="live", device="cpu") as simulation:
+        first = simulation.reset().boxes["x"]
+        other = simulation.reset(seed=7)
+        assert other.row["seed"] == 7 and other.boxes["x"].tolist() != first.tolist()
+        assert simulation.reset().row["seed"] == 7
+        for seed in (-1, True, 1.5):
+            with pytest.raises(InputError, match="whole number"):
+                simulation.reset(seed)  # type: ignore[arg-type]
+
+
+def test_bad_calls_are_refused_and_do_not_move_traffic(live: mmw.Simulation) -> None:
+    frame = live.reset()
+    for controls, text in (
+        ({"cav_9": Control()}, "no such actor"),
+        ({"rsu_1": Control(pose=[0, 0, 0, 0])}, "no such actor"),
+        ([1], "a mapping"),
+        ({"ped_001": Control(target_speed_m_s=1.0)}, "only its pose"),
+    ):
+        with pytest.raises(InputError, match=text):
+            live.step(controls)  # type: ignore[arg-type]
+    assert live.step().frame == frame.frame + 1
+    for _ in range(37):
+        live.step()
+    with pytest.raises(InputError, match=r"is the last of the episode; reset it, or raise frames\.count"):
+        live.step()
+    with pytest.raises(InputError, match="is live"):
+        live[0]
+    with pytest.raises(InputError, match="is live"):
+        next(iter(live))
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ("frames.count=1", "frames.count = 2 or more"),
+        ("frames.rate_hz=50", "mode live steps at 100 Hz"),
+        ("scenarios.town03_roundabout.traffic.engine=sumo", "steps the engine idm"),
+    ],
+)
+def test_scenario_that_cannot_be_stepped_is_refused(change: str, text: str) -> None:
+    with pytest.raises(InputError, match=text):
+        mmw.Simulation(mmw.load_config("quickstart", [change]), mode="live", device="cpu")
+
+
+def test_mode_is_checked_and_replay_has_no_steps(config: mmw.Config) -> None:
+    with pytest.raises(InputError, match="there are replay and live"):
+        mmw.Simulation(config, mode="alive", device="cpu")  # type: ignore[arg-type]
+
+
+def test_recorded_stage_has_no_steps_and_cannot_be_live(tmp_path: Path) -> None:
+    own = mmw.load_config(DATA / "every_sensor.yaml", ["sensors=[{type: gnss}]", "channel.enabled=false"])
+    with pytest.raises(InputError, match="has a stage, whose motion is recorded"):
+        mmw.Simulation(own, base=DATA, mode="live", device="cpu")
+    with mmw.Simulation(own, base=DATA, device="cpu") as replay:
+        for call in (replay.step, replay.reset, lambda: replay.save(tmp_path), lambda: replay.lane_changes):
+            with pytest.raises(InputError, match="needs mode='live'"):
+                call()
