@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from mmw import channel as channel
     from mmw import config as config
     from mmw import dataset as dataset
+    from mmw import gym as gym
     from mmw import scene as scene
     from mmw import sensors as sensors
     from mmw import torch as torch
@@ -63,8 +64,8 @@ _HOME = {
 }
 """Name -> module that defines it, so that `import mmw` stays light."""
 
-_SUBMODULES = ("channel", "config", "dataset", "scene", "sensors", "torch", "viz")
-"""Public modules; `mmw.torch` needs the extra of its name."""
+_SUBMODULES = ("channel", "config", "dataset", "gym", "scene", "sensors", "torch", "viz")
+"""Public modules; `mmw.gym` and `mmw.torch` need the extras of their names."""
 
 _SHORT = {"open": "open_dataset"}
 """Short name -> name; not in `__all__`, so that `from mmw import *` replaces no built-in function."""

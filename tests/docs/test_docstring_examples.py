@@ -17,11 +17,16 @@ from tests.fixtures.small_dataset import small_dataset
 MODULES = [
     "mmw.scene", "mmw.channel", "mmw.channel.statistics", "mmw.dataset", "mmw.dataset.beam_samples",
     "mmw.dataset.camera_geometry", "mmw.dataset.windows", "mmw.torch", "mmw.config", "mmw.viz.plots",
-    "mmw.physics.materials", "mmw.sensors", "mmw.viz.scene_view",
+    "mmw.physics.materials", "mmw.sensors", "mmw.viz.scene_view", "mmw.gym",
 ]  # fmt: skip
 """Public modules that have examples, besides `mmw`."""
 
-NEEDS = {"mmw.torch": ("torch",), "mmw.viz.plots": ("matplotlib",), "mmw.viz.scene_view": ("matplotlib", "rerun")}
+NEEDS = {
+    "mmw.torch": ("torch",),
+    "mmw.viz.plots": ("matplotlib",),
+    "mmw.viz.scene_view": ("matplotlib", "rerun"),
+    "mmw.gym": ("gymnasium",),
+}
 OPTIONS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 
 

@@ -1,0 +1,143 @@
+"""Hold what the environments share: a live simulation, its episodes, and where a vehicle is seen from a station."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from mmw.config.load import Source, load_config
+from mmw.core.errors import InputError
+from mmw.core.transforms import conjugate, rotate
+from mmw.dataset.frame import Agent, Frame
+from mmw.generation.simulation import Simulation
+from mmw.gym.link_rate import LOWEST_SNR_DB
+from mmw.traffic.live.control import Control
+
+Extra = tuple[spaces.Space[Any], Callable[[Agent], Any]]
+"""Space of a further observation, and the function that takes it of the agent in the present frame."""
+
+FARTHEST_M = 2000.0
+"""Bounds of places in observations [m]; nearer than any link of the shipped towns is long."""
+
+FASTEST_M_S = 100.0
+"""Bounds of velocities in observations [m/s]."""
+
+HIGHEST_SNR_DB = 120.0
+"""Upper bound of the SNR in observations [dB]."""
+
+NO_SENSORS = "sensors=[]"
+
+
+class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
+    """Episodes of a live simulation in which one vehicle decides every `frames_per_step` frames.
+
+    An episode begins at a random frame of the same drive, up to `max_start` steps after the first, and is truncated
+    where the frames of the configuration end. `reset(options={"traffic_seed": n})` makes another fleet, in seconds.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  (as Gymnasium declares it)
+
+    def __init__(
+        self,
+        config: Source,
+        *,
+        overrides: tuple[str, ...],
+        agent: str,
+        peers: tuple[str, ...],
+        frames_per_step: int,
+        max_start: int,
+        device: str,
+        extra: Mapping[str, Extra] | None,
+        drive: Callable[[Frame], Mapping[str, Control | None]] | None,
+    ) -> None:
+        """Make the simulation; arguments as of the environments."""
+        if frames_per_step < 1 or max_start < 0:
+            raise InputError(
+                f"frames_per_step = {frames_per_step}, max_start = {max_start}; at least 1 and 0 are needed"
+            )
+        self._simulation = Simulation(load_config(config, overrides), mode="live", device=device)
+        if len(self._simulation.frames) <= (max_start + 1) * frames_per_step:
+            count = len(self._simulation.frames)
+            self._simulation.close()
+            raise InputError(
+                f"frames.count: {count} live frames; an episode that begins up to {max_start} steps of "
+                f"{frames_per_step} frames late needs more; raise it or lower max_start"
+            )
+        self.agent, self.peers = agent, peers
+        self._stride, self._max_start = frames_per_step, max_start
+        self._extra, self._drive = dict(extra or {}), drive
+        self.frame: Frame = self._simulation.reset()
+        try:
+            self._check_agents()
+        except InputError:
+            self._simulation.close()
+            raise
+        self.observation_space = spaces.Dict(
+            {**self._spaces(), **{name: space for name, (space, _) in self._extra.items()}}
+        )
+
+    def _check_agents(self) -> None:
+        for name in (self.agent, *self.peers):
+            if name not in self.frame.agents:
+                raise InputError(f"agent {name!r}: there are {', '.join(self.frame.agents)}; name one of them")
+
+    def _spaces(self) -> dict[str, spaces.Space[Any]]:
+        raise NotImplementedError
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation, for `save` and for looking at the present frame."""
+        return self._simulation
+
+    def _start(self, seed: int | None, options: Mapping[str, Any] | None) -> None:
+        """Begin an episode at a random frame."""
+        super().reset(seed=seed)
+        unknown = [name for name in options or {} if name != "traffic_seed"]
+        if unknown:
+            raise InputError(f"options = {dict(options or {})}: {unknown[0]} is not known; there is traffic_seed")
+        traffic = (options or {}).get("traffic_seed")
+        self.frame = self._simulation.reset(traffic)
+        for _ in range(int(self.np_random.integers(self._max_start + 1)) * self._stride):
+            self.frame = self._simulation.step()
+
+    def _advance(self) -> bool:
+        """Go on by one step; return whether the episode can have no further one."""
+        for _ in range(self._stride):
+            controls = self._drive(self.frame) if self._drive else None
+            self.frame = self._simulation.step(controls)
+        return self.frame.frame + self._stride >= self._simulation.frames.stop
+
+    def _motion(self, peer: str) -> dict[str, np.ndarray]:
+        """Return place [m] and velocity [m/s] of the agent in the axes of a peer."""
+        own, other = self.frame.agents[self.agent], self.frame.agents[peer]
+        turn = conjugate(other.pose[3:])
+        velocity = np.array([own.row[axis] for axis in ("vx", "vy", "vz")])
+        return {
+            "position": rotate(turn, own.pose[:3] - other.pose[:3]).astype(np.float32),
+            "velocity": rotate(turn, velocity).astype(np.float32),
+        }
+
+    def _extras(self) -> dict[str, Any]:
+        agent = self.frame.agents[self.agent]
+        return {name: take(agent) for name, (_, take) in self._extra.items()}
+
+    def close(self) -> None:
+        """Free the device."""
+        self._simulation.close()
+
+
+def place_space() -> spaces.Box:
+    """Return the space of places."""
+    return spaces.Box(-FARTHEST_M, FARTHEST_M, (3,), np.float32)
+
+
+def velocity_space() -> spaces.Box:
+    """Return the space of velocities."""
+    return spaces.Box(-FASTEST_M_S, FASTEST_M_S, (3,), np.float32)
+
+
+def snr_space(count: int) -> spaces.Box:
+    """Return the space of so many SNRs [dB]."""
+    return spaces.Box(LOWEST_SNR_DB, HIGHEST_SNR_DB, (count,), np.float32)
