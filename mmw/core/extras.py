@@ -19,7 +19,7 @@ EXTRA_OF = {
     "rerun": "viz", "rerun_notebook": "viz",
     "libsumo": "sumo",
     "osmium": "osm",
-    "gymnasium": "gym",
+    "gymnasium": "gym", "pettingzoo": "gym",
     "ray": "ray",
     "mcap": "mcap", "mcap_ros2": "mcap",
 }  # fmt: skip

@@ -42,19 +42,22 @@ def capture_frames(
 
 def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Add frames, poses, boxes and, if there is a channel, lines of sight between antennas and actors."""
-    capture_world(batch, frames, collected)
+    capture_poses(batch, frames, collected)
+    capture_boxes(batch, frames, collected)
     capture_sight(batch, frames, collected)
 
 
-def capture_world(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
-    """Add frames, poses and boxes, which needs no tracing."""
+def capture_poses(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Add frames and poses of agents."""
     with batch.clock.stage("ground truth"):
-        tables = {
-            "frames": frame_rows(batch.arrays, frames, batch.config.seed),
-            "poses": pose_rows(batch.arrays, frames, batch.motion),
-            "boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion)),
-        }
-        collect(collected, tables)
+        rows = frame_rows(batch.arrays, frames, batch.config.seed)
+        collect(collected, {"frames": rows, "poses": pose_rows(batch.arrays, frames, batch.motion)})
+
+
+def capture_boxes(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
+    """Add boxes of vehicles and people."""
+    with batch.clock.stage("ground truth"):
+        collect(collected, {"boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion))})
 
 
 def capture_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:

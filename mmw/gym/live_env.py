@@ -110,14 +110,7 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
         return self.frame.frame + self._stride >= self._simulation.frames.stop
 
     def _motion(self, peer: str) -> dict[str, np.ndarray]:
-        """Return place [m] and velocity [m/s] of the agent in the axes of a peer."""
-        own, other = self.frame.agents[self.agent], self.frame.agents[peer]
-        turn = conjugate(other.pose[3:])
-        velocity = np.array([own.row[axis] for axis in ("vx", "vy", "vz")])
-        return {
-            "position": rotate(turn, own.pose[:3] - other.pose[:3]).astype(np.float32),
-            "velocity": rotate(turn, velocity).astype(np.float32),
-        }
+        return motion_from(self.frame, self.agent, peer)
 
     def _extras(self) -> dict[str, Any]:
         agent = self.frame.agents[self.agent]
@@ -126,6 +119,17 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
     def close(self) -> None:
         """Free the device."""
         self._simulation.close()
+
+
+def motion_from(frame: Frame, agent: str, peer: str) -> dict[str, np.ndarray]:
+    """Return place [m] and velocity [m/s] of an agent in the axes of a peer, `position` and `velocity`, float32."""
+    own, other = frame.agents[agent], frame.agents[peer]
+    turn = conjugate(other.pose[3:])
+    velocity = np.array([own.row[axis] for axis in ("vx", "vy", "vz")])
+    return {
+        "position": rotate(turn, own.pose[:3] - other.pose[:3]).astype(np.float32),
+        "velocity": rotate(turn, velocity).astype(np.float32),
+    }
 
 
 def place_space() -> spaces.Box:

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 pytest.importorskip("gymnasium", reason="Gymnasium is not installed: pip install 'multimodal-wireless[gym]'")
+pytest.importorskip("pettingzoo", reason="PettingZoo is not installed: pip install 'multimodal-wireless[gym]'")
 
 import gymnasium
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import parallel_api_test
 
 import mmw
 from mmw.core.errors import InputError
-from mmw.gym import BeamTracking, Handover, RadioLink
+from mmw.gym import BeamTracking, Fleet, Handover, RadioLink
 
 SHORT = ("frames.count=90", "sensors=[{type: rgb, name: front, width_px: 32, height_px: 24, on: [cav_1]}]")
 IMAGE = (Box(0, 255, (24, 32, 3), np.uint8), lambda agent: agent.sensor("front").rgb)
@@ -131,3 +133,23 @@ def test_arguments_that_cannot_be_are_refused(tracking: BeamTracking) -> None:
         RadioLink().snr(tracking.frame, "cav_1", ("rsu_9",))
     with pytest.raises(InputError, match=r"there is none|carrier"):
         RadioLink(carrier_hz=60e9).snr(tracking.frame, "cav_1", ("rsu_1",))
+
+
+@pytest.mark.slow
+def test_pettingzoo_finds_no_fault_and_speeds_are_obeyed() -> None:
+    fleet = Fleet(overrides=("frames.count=90", "sensors=[]"), device="cpu")
+    parallel_api_test(fleet, num_cycles=20)
+    fleet.reset(seed=1)
+    over: dict[str, bool] = {"cav_1": False}
+    while not over["cav_1"]:
+        observations, rewards, _, over, infos = fleet.step({name: np.array([0, 7]) for name in fleet.agents})
+    speed = np.linalg.norm(observations["cav_2"]["velocity"])
+    rate = fleet.link.spectral_efficiency(fleet.link.snr(fleet.frame, "cav_2", ("rsu_1",)))[0]
+    assert rewards["cav_2"] == pytest.approx(rate[7] + 0.1 * speed) and infos["cav_2"]["best_rate"] >= rate[7]
+    assert speed < 6.0 and fleet.agents == []  # braked from 6.6 m/s
+    fleet.reset(seed=1)
+    with pytest.raises(InputError, match="action of cav_2 = None"):
+        fleet.step({"cav_1": np.array([0, 0])})
+    fleet.close()
+    with pytest.raises(InputError, match="each vehicle once"):
+        Fleet(vehicles=("cav_1", "cav_1"))

@@ -16,10 +16,11 @@ from mmw.dataset.frame import Frame
 from mmw.dataset.sample_rows import Row, rows_of_table
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
+    capture_boxes,
     capture_channel,
+    capture_poses,
     capture_sensors,
     capture_sight,
-    capture_world,
     channel_links,
 )
 from mmw.generation.pipeline import join_batches
@@ -28,7 +29,8 @@ from mmw.storage.arrow_tables import normalize_names, sort_rows
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import table_spec, views_of
 
-WORLD = ("frames", "poses", "boxes")
+POSES = ("frames", "poses")
+BOXES = ("boxes",)
 SIGHT = ("box_visibility",)
 CHANNEL = (LINKS.name, "path_gains", "path_geometry")
 
@@ -66,8 +68,9 @@ class FrameTables:
         self._held: dict[str, pa.Table] = dict(static)
         self._samples: dict[tuple[str, str], dict[str, pa.Table]] = {}
         self._makers: dict[str, list[tuple[str, ...]]] = defaultdict(list)
-        for name in WORLD:
-            self._makers[name].append(("world",))
+        for maker, names in (("poses", POSES), ("boxes", BOXES)):
+            for name in names:
+                self._makers[name].append((maker,))
         for sensor in config.sensors:
             spec = SENSORS[sensor.type]
             counts = spec.rows_per_sample(sensor) if spec.rows_per_sample else {}
@@ -137,8 +140,10 @@ class FrameTables:
     @staticmethod
     def _capture(batch: Batch, maker: tuple[str, ...], frames: Sequence[int], rows: TableRows) -> None:
         kind = maker[0]
-        if kind == "world":
-            capture_world(batch, frames, rows)
+        if kind == "poses":
+            capture_poses(batch, frames, rows)
+        elif kind == "boxes":
+            capture_boxes(batch, frames, rows)
         elif kind == "sight":
             capture_sight(batch, frames, rows)
         elif kind == "sensor":
