@@ -183,8 +183,13 @@ def tell_apart(ids: np.ndarray, link: np.ndarray, rank_by: np.ndarray) -> np.nda
     first = np.maximum.accumulate(np.where(is_new, np.arange(len(order)), 0))
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order)) - first
-    numbered = (_mixed(ids.astype(np.uint64), rank) >> np.uint64(1)).astype(np.int64)
-    return np.where(rank == 0, ids, numbered)
+    return with_numbers(ids, rank)
+
+
+def with_numbers(ids: np.ndarray, number: np.ndarray) -> np.ndarray:
+    """Return identifiers that a number tells apart; those of number 0 stay, shape [P], int64."""
+    numbered = (_mixed(ids.astype(np.uint64), number) >> np.uint64(1)).astype(np.int64)
+    return np.where(number == 0, ids, numbered)
 
 
 def _mixed(value: np.ndarray, word: np.ndarray) -> np.ndarray:

@@ -1,0 +1,54 @@
+"""Names of paths over frames in which others come and go."""
+
+import numpy as np
+import pytest
+
+from mmw.channel.path_solver.path_names import SECTION_M
+from mmw.core.planar_surfaces import find_surfaces
+from mmw.physics.em.interaction import SPECULAR
+from mmw.physics.materials.material import RadioMaterial
+from mmw.scene.scene_data import Prototype
+from tests.fixtures.scenes import arrays_from_parts, box_model, pose
+from tests.oracles import channel as oracle
+
+MATERIALS = oracle.radio_materials({"metal": RadioMaterial("itu", itu="itu_pec")})
+
+
+def body_with_two_humps() -> Prototype:
+    """Return a sheet of 4.8 m x 0.8 m with humps of 3 m radius at x = 1.5 m and -1.5 m, in facets of 0.1 m."""
+    x, y = np.meshgrid(np.linspace(-2.4, 2.4, 49), [-0.4, 0.4], indexing="ij")
+    points = np.stack([x, y, -0.076 * np.cos(2 * np.pi * x / 3.0)], axis=-1).reshape(-1, 3)
+    a = 2 * np.arange(48)
+    faces = np.concatenate([np.stack([a, a + 2, a + 3], axis=1), np.stack([a, a + 3, a + 1], axis=1)]).astype(np.int32)
+    ids = np.zeros(len(faces), dtype=np.int32)
+    return Prototype("body", points, faces, ids, find_surfaces(points, faces, np.zeros_like(ids), ids))
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0])
+def test_what_hides_one_point_of_a_body_does_not_rename_the_other(turn: float, device: str) -> None:
+    """A plate passes before one hump and then before the other: the path over each keeps its name while it is there."""
+    ends = np.array([[0.5, -4.0, 15.0], [1.0, 4.0, 15.0]])
+    body = pose(30.0, -20.0, 1.0, turn)
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+
+    def place(point: np.ndarray, yaw: float = turn) -> tuple[float, ...]:
+        return pose(*(rotation @ point + body[:3]), yaw)
+
+    humps = [np.array([x, 0.0, 0.076]) for x in (1.5, -1.5)]
+    plates = [np.array([0.0, 0.0, -50.0]), *(0.5 * (ends[0] + hump) for hump in humps)]
+    poses = [[place(ends[0]), place(ends[1]), body, place(plate)] for plate in plates]
+    models = [body_with_two_humps(), box_model("plate", (0.6, 0.6, 0.01), (0.0, 0.0, 0.0))]
+    actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1), ("veh_1", "vehicle", 0), ("veh_2", "vehicle", 1)]
+    arrays = arrays_from_parts([], models, actors, poses, materials=MATERIALS)
+    config = oracle.channel(max_depth=1, finite_surfaces=True, pattern="iso")
+    links, paths = oracle.solve(arrays, config, device)
+    at = np.einsum("ij,nj->ni", rotation.T, np.nan_to_num(paths.vertex[:, 0]) - body[:3])
+    is_own = (paths.interaction[:, 0] == SPECULAR) & (np.abs(at[:, 2]) < 0.1)
+    names = []
+    for hump in humps:
+        rows = np.flatnonzero(is_own & (np.abs(at[:, 0] - hump[0]) < 0.5))
+        names.append({int(links.frame[paths.link[row]]): int(paths.path_id[row]) for row in rows})
+    assert list(names[0]) == [0, 2] and list(names[1]) == [0, 1]
+    assert len(set(names[0].values())) == len(set(names[1].values())) == 1
+    assert names[0][0] != names[1][0]
+    assert abs(humps[0][0] - humps[1][0]) > SECTION_M
