@@ -88,13 +88,15 @@ def outline_share(
     tx: wp.vec3d,
     rx: wp.vec3d,
     wavelength: wp.float64,
+    is_in: wp.bool,
 ) -> wp.vec2d:
     """Return the share of a flat mirror's field that a curved surface reflects at a point of reflection, with phases
-    relative to the path over the point that it touches."""
+    relative to the path over the point that it touches; of a piece of the surface, that has the point only if `is_in`.
+    """
     frame = curved_frame(facets, found, tx, rx, wavelength)
     own = facets.edge[found.shape]
     total = wp.vec2d()
-    if own < 0:
+    if own < 0 and is_in:
         total = wp.vec2d(wp.float64(1.0), wp.float64(0.0))
     for edge in range(facets.first[group], facets.first[group + 1]):
         facing = smooth_step(wp.dot(facets.facing[edge], found.normal), TURNED_AWAY, FACING)
@@ -126,6 +128,46 @@ def outline_share(
         outside = wp.dot(found.share, facets.outside[found.shape])
         total = (wp.float64(1.0) - smooth_step(outside, HALF, wp.float64(1.0))) * total
     return total
+
+
+@wp.func
+def touching_point(
+    surfaces: Surfaces,
+    facets: CurvedFacets,
+    outlines: Outlines,
+    first: int,
+    is_facet: wp.bool,
+    touched: wp.vec3d,
+    tx: wp.vec3d,
+    rx: wp.vec3d,
+    wavelength: wp.float64,
+) -> CurvedPoint:
+    """Return the point of reflection whose path touches a surface at `touched`, of several the strongest.
+
+    `first` is the facet that reflects if `is_facet`, or else the first one of its surface.
+    """
+    surface = facets.surface[first]
+    group = facets.group[surfaces.row[surface]]
+    own = CurvedPoint()
+    nearest = wp.float64(1e300)
+    largest = wp.float64(0.0)
+    index = first
+    while index < facets.surface.shape[0]:
+        if facets.surface[index] != surface:
+            index = facets.surface.shape[0]
+        else:
+            found = curved_point(facets, facets.shape[index], tx, rx, outlines.longest_m)
+            away = wp.length(found.touched - touched)
+            if found.is_found and away < nearest + SAME_TOUCH_M:
+                size = wp.length(outline_share(facets, outlines, group, found, tx, rx, wavelength, True))
+                if away < nearest - SAME_TOUCH_M or size > largest:
+                    largest = size
+                    own = found
+                nearest = wp.min(nearest, away)
+            index = index + 1
+            if is_facet:
+                index = facets.surface.shape[0]
+    return own
 
 
 @wp.kernel
@@ -166,25 +208,11 @@ def curved_share_kernel(
     touched = to_carrier(vertex[hit], pose, batch_index[hit], carrier)
     group = facets.group[surfaces.row[surface]]
     share = wp.vec2d()
-    own = CurvedPoint()
-    nearest = wp.float64(1e300)
-    index = facet[hit]
-    while index < facets.surface.shape[0]:
-        if facets.surface[index] != surface:
-            index = facets.surface.shape[0]
-        else:
-            found = curved_point(facets, facets.shape[index], from_tx, to_rx, outlines.longest_m)
-            away = wp.length(found.touched - touched)
-            if found.is_found and away < nearest + SAME_TOUCH_M:
-                other = outline_share(facets, outlines, group, found, from_tx, to_rx, wavelength[column])
-                if away < nearest - SAME_TOUCH_M or wp.length(other) > wp.length(share):
-                    share = other
-                    own = found
-                nearest = wp.min(nearest, away)
-            index = index + 1
-            if is_facet:
-                index = facets.surface.shape[0]
-    if column == 0 and nearest < wp.float64(1e300):
+    wave = wavelength[column]
+    own = touching_point(surfaces, facets, outlines, facet[hit], is_facet, touched, from_tx, to_rx, wave)
+    if own.is_found:
+        share = outline_share(facets, outlines, group, own, from_tx, to_rx, wave, True)
+    if column == 0 and own.is_found:
         n = own.normal
         t1 = wp.normalize(own.along - wp.dot(own.along, n) * n)
         t2 = wp.cross(n, t1)
@@ -195,9 +223,8 @@ def curved_share_kernel(
         mixed = bent[1] * (wp.outer(t1, t2) + wp.outer(t2, t1))
         curvature_out[hit] = bent[0] * wp.outer(t1, t1) + mixed + bent[2] * wp.outer(t2, t2)
     total = wp.length(share)
-    if nearest < wp.float64(1e300) and facets.edge[own.shape] < 0:
+    if own.is_found and facets.edge[own.shape] < 0:
         total = wp.float64(0.0)
-        frame = curved_frame(facets, own, from_tx, to_rx, wavelength[column])
         members = facets.member[surface]
         for index in range(members[0], members[1]):
             shape = facets.shape[index]
@@ -212,9 +239,44 @@ def curved_share_kernel(
                 if is_counted and away < TWO_BODIES_M:
                     size = wp.length(share)
                     if shape != own.shape:
-                        other = outline_share(facets, outlines, group, found, from_tx, to_rx, wavelength[column])
+                        other = outline_share(facets, outlines, group, found, from_tx, to_rx, wave, True)
                         size = wp.length(other)
                     size = size * smooth_step(away, TWO_BODIES_M, ONE_BODY_M)
-                    size = size * on_surface(own, frame, found.point, from_tx, to_rx, wavelength[column])
+                    frame = curved_frame(facets, own, from_tx, to_rx, wave)
+                    size = size * on_surface(own, frame, found.point, from_tx, to_rx, wave)
                     total = total + size * wp.sign(found.jacobian)
     share_out[hit, column] = wp.max(total, wp.float64(0.0)) * wp.normalize(share)
+
+
+@wp.kernel
+def curved_piece_kernel(
+    surfaces: Surfaces,
+    facets: CurvedFacets,
+    outlines: Outlines,
+    pose: wp.array2d[wp.transformd],
+    wavelength: wp.array[wp.float64],
+    batch_index: wp.array[int],
+    facet: wp.array[int],
+    piece: wp.array[int],
+    is_own: wp.array[wp.bool],
+    tx: wp.array[wp.vec3d],
+    rx: wp.array[wp.vec3d],
+    vertex: wp.array[wp.vec3d],
+    # out
+    share_out: wp.array2d[wp.vec2d],
+):
+    """Compute the part of pieces of curved surfaces in reflections, over the field of a flat mirror: the integral over
+    the piece alone. Arguments as in `curved_share_kernel`; `piece` is an outline, `is_own` whether the path touches the
+    surface inside it. Launch: dim=(Q, C).
+    """
+    hit, column = wp.tid()
+    carrier = surfaces.carrier[facets.surface[facet[hit]]]
+    from_tx = to_carrier(tx[hit], pose, batch_index[hit], carrier)
+    to_rx = to_carrier(rx[hit], pose, batch_index[hit], carrier)
+    touched = to_carrier(vertex[hit], pose, batch_index[hit], carrier)
+    wave = wavelength[column]
+    own = touching_point(surfaces, facets, outlines, facet[hit], False, touched, from_tx, to_rx, wave)
+    share = wp.vec2d()
+    if own.is_found:
+        share = outline_share(facets, outlines, piece[hit], own, from_tx, to_rx, wave, is_own[hit])
+    share_out[hit, column] = share

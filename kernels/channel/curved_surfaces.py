@@ -65,7 +65,8 @@ class CurvedFacets:
     group: wp.array[int]
     """Curved surface that the geometry row of each surface belongs to, -1 for none, shape [R]."""
     first: wp.array[int]
-    """First edge of the outline of each curved surface, and the number of edges, shape [Q + 1]."""
+    """First edge of the outline of each curved surface and then of each piece of one material, and the number of edges,
+    shape [Q + M + 1]."""
     begin: wp.array[wp.vec3d]
     """Begin of each edge, counter-clockwise seen from outside [m], shape [E]."""
     end: wp.array[wp.vec3d]

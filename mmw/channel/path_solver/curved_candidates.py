@@ -1,6 +1,7 @@
 """Find candidates of reflections at curved surfaces, and of several close ones on a surface the right one."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,7 +12,7 @@ from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.kernels.channel.curved_candidates import cull_curved_kernel, curved_points_kernel
-from mmw.kernels.channel.curved_shares import curved_share_kernel
+from mmw.kernels.channel.curved_shares import curved_piece_kernel, curved_share_kernel
 from mmw.physics.em.vectors import norm
 
 ONE_POINT_M = 0.25
@@ -97,21 +98,55 @@ def curved_shares(
         curved: The curved surfaces.
         is_facet: Whether `facet` is the one that reflects.
     """
-    device, links = search.scene.device, search.links
-    wavelength = SPEED_OF_LIGHT / np.array(search.config.carriers_hz)
-    out = wp.empty((len(link), len(wavelength)), dtype=wp.vec2d, device=device)
+    device, count = search.scene.device, len(search.config.carriers_hz)
+    out = wp.empty((len(link), count), dtype=wp.vec2d, device=device)
     bent = wp.full(len(link), wp.mat33d(*[np.nan] * 9), dtype=wp.mat33d, device=device)
-    host_pose = wp.array(search.host_pose, dtype=wp.transformd, device=device)
-    inputs = [search.table.device, curved.device, search.outlines, host_pose]
-    inputs += [wp.array(wavelength, dtype=wp.float64, device=device), is_facet]
-    given = [
-        (links.batch_index[link], wp.int32),
-        (facet, wp.int32),
-        (links.tx.position[link], wp.vec3d),
-        (links.rx.position[link], wp.vec3d),
-        (vertex, wp.vec3d),
-    ]
-    inputs += [wp.array(values, dtype=dtype, device=device) for values, dtype in given]
+    fixed, own, ends = _share_inputs(search, link, facet, vertex, curved)
+    inputs = [*fixed, is_facet, *own, *ends]
     wp.launch(curved_share_kernel, dim=out.shape, inputs=inputs, outputs=[out, bent], device=device)
     values = out.numpy()
     return values[..., 0] + 1j * values[..., 1], bent.numpy()[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+
+
+def curved_piece_shares(
+    search: Search,
+    link: np.ndarray,
+    facet: np.ndarray,
+    vertex: np.ndarray,
+    piece: np.ndarray,
+    is_own: np.ndarray,
+    curved: CurvedTable,
+) -> np.ndarray:
+    """Return the part of a piece of one material in the share of each reflection, shape [Q, C], complex128.
+
+    Args:
+        search: Links, carriers and outlines.
+        link: As in `curved_shares`, like the next two.
+        facet: First facet of the surface that reflects, shape [Q].
+        vertex: Shape [Q, 3], [m].
+        piece: Piece of the surface, shape [Q].
+        is_own: Whether the path touches the surface in it, shape [Q].
+        curved: The curved surfaces.
+    """
+    device = search.scene.device
+    out = wp.empty((len(link), len(search.config.carriers_hz)), dtype=wp.vec2d, device=device)
+    fixed, own, ends = _share_inputs(search, link, facet, vertex, curved)
+    own.append(wp.array(curved.first_piece + piece, dtype=wp.int32, device=device))
+    own.append(wp.array(is_own, dtype=wp.bool, device=device))
+    wp.launch(curved_piece_kernel, dim=out.shape, inputs=[*fixed, *own, *ends], outputs=[out], device=device)
+    values = out.numpy()
+    return values[..., 0] + 1j * values[..., 1]
+
+
+def _share_inputs(
+    search: Search, link: np.ndarray, facet: np.ndarray, vertex: np.ndarray, curved: CurvedTable
+) -> tuple[list[Any], list[wp.array], list[wp.array]]:
+    """Return the arguments of kernels of shares: those of all reflections, batch index and facet, and the points."""
+    device, links = search.scene.device, search.links
+    wavelength = SPEED_OF_LIGHT / np.array(search.config.carriers_hz)
+    fixed = [search.table.device, curved.device, search.outlines]
+    fixed.append(wp.array(search.host_pose, dtype=wp.transformd, device=device))
+    fixed.append(wp.array(wavelength, dtype=wp.float64, device=device))
+    own = [wp.array(values, dtype=wp.int32, device=device) for values in (links.batch_index[link], facet)]
+    points = links.tx.position[link], links.rx.position[link], vertex
+    return fixed, own, [wp.array(values, dtype=wp.vec3d, device=device) for values in points]

@@ -13,6 +13,7 @@ import warp as wp
 
 from mmw.channel.path_solver.curvature import corner_curvatures
 from mmw.channel.path_solver.curved_extension import extend
+from mmw.channel.path_solver.curved_outlines import Pieces, find_pieces, outline_edges
 from mmw.core.planar_surfaces import components, sums_by_row
 from mmw.kernels.channel.curved_surfaces import CurvedFacets
 from mmw.physics.em.finite_surfaces import WEAKEST_CURVED_SHARE
@@ -63,8 +64,10 @@ class CurvedPart:
     """1 at corners beyond an outline, 0 at others, shape [N, 3]."""
     edge: np.ndarray
     """Edge of the outlines that each facet extends, -1 for a face of the mesh, shape [N]."""
+    pieces: Pieces
+    """Pieces of one material."""
     edge_group: np.ndarray
-    """Curved surface of each edge of the outlines, growing, shape [E]."""
+    """Curved surface of each edge of the outlines, growing, and behind them Q + piece of those of pieces, shape [E]."""
     begin: np.ndarray
     """Shape [E, 3], [m]."""
     end: np.ndarray
@@ -91,17 +94,26 @@ class CurvedTable:
     """Surface of each facet, with those that extend it behind its own, shape [F]."""
     is_beyond: np.ndarray
     """Whether each facet extends its surface beyond the outline, shape [F], bool."""
+    piece: np.ndarray
+    """Piece of one material that each surface is in, -1 where its curved surface has no more than one, shape [G]."""
+    piece_group: np.ndarray
+    """Curved surface of each piece, growing, shape [M]."""
+    piece_material: np.ndarray
+    """Material of each piece, shape [M]."""
+    first_piece: int
+    """Outline of the first piece; those of curved surfaces are before it."""
     device: CurvedFacets
     """The facets for kernels."""
 
 
-def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> CurvedPart:
+def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray, material: np.ndarray) -> CurvedPart:
     """Return the curved surfaces of a mesh.
 
     Args:
         mesh: Edges of the mesh.
         surface: Flat surface of each face, 0 to S - 1, shape [F].
         object_id: Object of each face, shape [F]; surfaces do not go on from one object to another.
+        material: Material of each face, that of its flat surface, shape [F].
     """
     count = int(surface.max(initial=-1)) + 1
     if not len(surface):
@@ -128,21 +140,25 @@ def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> 
     vertices = np.column_stack([mesh.welded[own].reshape(-1), np.repeat(of_face[own], 3)])
     meeting = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1, 3)
     normal = _corner_normals(mesh, own, meeting, panel[surface], np.bincount(panel, area, count))
-    half, edge_group = _outlines(mesh, of_face)
-    order = np.argsort(edge_group, kind="stable")
-    half, edge_group = half[order], edge_group[order]
-    vertex, facing = mesh.vertex[half], mesh.normal[mesh.face[half]]
-    inward = np.cross(facing, mesh.points[vertex[:, 1]] - mesh.points[vertex[:, 0]])
-    is_turned = dot(inward, mesh.points[mesh.opposite[half]] - mesh.points[vertex[:, 0]]) < 0.0
-    vertex = np.where(is_turned[:, None], vertex[:, ::-1], vertex)  # counter-clockwise if the facet is on this side
+    of_surface = np.zeros(count, dtype=np.int64)
+    of_surface[surface] = material
+    pieces = find_pieces(group, of_surface)
+    whole_edges = outline_edges(mesh, of_face)
+    piece_edges = outline_edges(mesh, np.where(mesh.has_area, pieces.of_surface[surface], -1))
+    half, edge_group, vertex = (np.concatenate(pair) for pair in zip(whole_edges, piece_edges, strict=True))
+    edges = len(whole_edges[0])
+    edge_group[edges:] += int(group.max()) + 1
+    facing = mesh.normal[mesh.face[half]]
     place = np.empty(len(surface), dtype=np.int64)
     place[own] = np.arange(len(own))
     row = place[mesh.face[half]][:, None]
     at = np.argmax(mesh.welded[own[row]] == vertex[..., None], axis=2)
-    normal = _turned_at_outlines(mesh, meeting, normal, half, center[surface[mesh.face[half]]], row[:, 0], at)
+    middle = center[surface[mesh.face[half[:edges]]]]
+    normal = _turned_at_outlines(mesh, meeting, normal, half[:edges], middle, row[:edges, 0], at[:edges])
     curvature = corner_curvatures(mesh, own, meeting, of_face[own], normal)
     ends, end_normal = mesh.points[vertex], normal[row, at]
-    beyond = extend(ends, meeting[row, at], facing, end_normal, curvature[row, at])
+    inner = row[:edges], at[:edges]
+    beyond = extend(ends[:edges], meeting[inner], facing[:edges], end_normal[:edges], curvature[inner])
     return CurvedPart(
         group=group,
         face=np.concatenate([own, mesh.face[half][beyond.edge]]),
@@ -151,6 +167,7 @@ def find_curved(mesh: MeshEdges, surface: np.ndarray, object_id: np.ndarray) -> 
         curvature=np.concatenate([curvature, beyond.curvature]),
         outside=np.concatenate([np.zeros((len(own), 3)), beyond.outside]),
         edge=np.concatenate([np.full(len(own), -1), beyond.edge]),
+        pieces=pieces,
         edge_group=edge_group,
         begin=ends[:, 0],
         end=ends[:, 1],
@@ -170,6 +187,7 @@ def _no_curved(count: int) -> CurvedPart:
         curvature=np.zeros((0, 3, 3, 3)),
         outside=points,
         edge=rows,
+        pieces=Pieces(np.full(count, -1), rows, rows),
         edge_group=rows,
         begin=points,
         end=points,
@@ -279,20 +297,8 @@ def _turned_at_outlines(
     return normal / np.linalg.norm(normal, axis=2)[..., None]
 
 
-def _outlines(mesh: MeshEdges, of_face: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the half-edges at which curved surfaces end, and the curved surface of each."""
-    edge = np.repeat(np.arange(len(mesh.size)), mesh.size)
-    half = (
-        np.repeat(mesh.first, mesh.size) + np.arange(len(edge)) - np.repeat(np.cumsum(mesh.size) - mesh.size, mesh.size)
-    )
-    group = of_face[mesh.face[half]]
-    _, at, times = np.unique(np.column_stack([edge, group]), axis=0, return_index=True, return_counts=True)
-    keep = (times == 1) & (group[at] >= 0)
-    return half[at[keep]], group[at[keep]]
-
-
 def make_curved_table(
-    parts: Sequence[tuple[MeshEdges, np.ndarray, np.ndarray, np.ndarray]],
+    parts: Sequence[tuple[MeshEdges, np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
     row: np.ndarray,
     first: np.ndarray,
     triangle_count: np.ndarray,
@@ -302,21 +308,28 @@ def make_curved_table(
     """Return the curved surfaces of a scene.
 
     Args:
-        parts: Edges, and surface, object and triangle on the device of each face, of the town and of every model.
+        parts: Edges, and surface, object, material and triangle on the device of each face, of the town and of every
+            model.
         row: Geometry row of each surface of the scene, shape [G]; R rows.
         first: First triangle of each row, shape [R].
         triangle_count: Triangles of each row, shape [R].
         area: Area of each row [m^2], shape [R].
         device: Warp device.
     """
-    curved = [find_curved(mesh, surface, object_id) for mesh, surface, object_id, _ in parts]
+    curved = [find_curved(*part[:-1]) for part in parts]
     groups = np.cumsum([0, *(int(part.group.max(initial=-1)) + 1 for part in curved)])
+    numbers = np.cumsum([0, *(len(part.pieces.group) for part in curved)])
     row_of = np.repeat(np.arange(len(first)), triangle_count)  # of each triangle
-    group, rows = np.full(len(first), -1), []
-    for part, (_, surface, _, at), k in zip(curved, parts, groups, strict=False):
+    group, piece, rows, edge_group = np.full(len(first), -1), np.full(len(first), -1), [], []
+    for part, (_, surface, _, _, at), k, m in zip(curved, parts, groups, numbers, strict=False):
+        own = part.pieces.of_surface
         group[row_of[at]] = np.where(part.group < 0, -1, part.group + k)[surface]
+        piece[row_of[at]] = np.where(own < 0, -1, own + m)[surface]
         rows.append(row_of[at][part.face])
-    edge_group = np.concatenate([part.edge_group + k for part, k in zip(curved, groups, strict=False)])
+        count = int(part.group.max(initial=-1)) + 1
+        edge_group.append(part.edge_group + np.where(part.edge_group < count, k, groups[-1] + m - count))
+    edge_group = np.concatenate(edge_group)
+    by_group = np.argsort(edge_group, kind="stable")
     is_curved = group[row] >= 0
     order = np.lexsort((-area, group))
     lead = np.zeros(int(groups[-1]) + 1, dtype=np.int64)  # the last one is that of no group
@@ -324,7 +337,8 @@ def make_curved_table(
     every = np.arange(len(row))
     largest = np.where(is_curved, every + lead[group[row]] - row, every)  # rows of one carrier follow each other
     edges = np.cumsum([0, *(len(part.begin) for part in curved)])
-    edge = [np.where(part.edge < 0, -1, part.edge + k) for part, k in zip(curved, edges, strict=False)]
+    moved = np.append(np.argsort(by_group), -1)
+    edge = [moved[np.where(part.edge < 0, -1, part.edge + k)] for part, k in zip(curved, edges, strict=False)]
     shapes = {name: np.concatenate([getattr(part, name) for part in curved]) for name in SHAPE_COLUMNS}
     of_shape, of_edge = np.concatenate(rows), np.concatenate(edge)
     order = np.lexsort((of_edge, of_shape))
@@ -348,13 +362,17 @@ def make_curved_table(
         ("edge", of_edge[order], wp.int32),
         ("member", members[largest], wp.vec2i),
         ("group", group, wp.int32),
-        ("first", np.searchsorted(edge_group, np.arange(groups[-1] + 1)), wp.int32),
-        ("begin", np.concatenate([part.begin for part in curved]), wp.vec3d),
-        ("end", np.concatenate([part.end for part in curved]), wp.vec3d),
-        ("facing", np.concatenate([part.facing for part in curved]), wp.vec3d),
-        ("begin_normal", np.concatenate([part.end_normal[:, 0] for part in curved]), wp.vec3d),
-        ("end_normal", np.concatenate([part.end_normal[:, 1] for part in curved]), wp.vec3d),
+        ("first", np.searchsorted(edge_group[by_group], np.arange(groups[-1] + numbers[-1] + 1)), wp.int32),
+        ("begin", np.concatenate([part.begin for part in curved])[by_group], wp.vec3d),
+        ("end", np.concatenate([part.end for part in curved])[by_group], wp.vec3d),
+        ("facing", np.concatenate([part.facing for part in curved])[by_group], wp.vec3d),
+        ("begin_normal", np.concatenate([part.end_normal[:, 0] for part in curved])[by_group], wp.vec3d),
+        ("end_normal", np.concatenate([part.end_normal[:, 1] for part in curved])[by_group], wp.vec3d),
     ):
         setattr(out, name, wp.array(values, dtype=dtype, device=device))
     out.weakest = WEAKEST_CURVED_SHARE
-    return CurvedTable(is_curved, group, largest, span[0], surface, of_edge[order][shape] >= 0, out)
+    is_beyond = of_edge[order][shape] >= 0
+    piece_group = np.concatenate([part.pieces.group + k for part, k in zip(curved, groups, strict=False)])
+    piece_material = np.concatenate([part.pieces.material for part in curved])
+    named = piece[row], piece_group, piece_material, int(groups[-1])
+    return CurvedTable(is_curved, group, largest, span[0], surface, is_beyond, *named, out)

@@ -3,10 +3,10 @@
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.curved_candidates import curved_shares
+from mmw.channel.path_solver.curved_candidates import curved_piece_shares, curved_shares
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.edge_table import WedgeTable
-from mmw.channel.path_solver.mixed_walls import WEAKEST_PIECE, MixedWalls, mix_walls
+from mmw.channel.path_solver.mixed_walls import WEAKEST_PIECE, MixedWalls, join_walls, mix_walls
 from mmw.channel.path_solver.outlines import OutlineTable
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
@@ -18,6 +18,10 @@ from mmw.physics.em.field import PathGeometry
 from mmw.physics.em.finite_surfaces import WEAKEST_CURVED_SHARE, WEAKEST_SHARE, finite_edge_share
 from mmw.physics.em.interaction import SPECULAR
 from mmw.physics.em.vectors import dot, norm
+
+MOST_OF_PIECE = 2.0
+"""Most that close points of reflection strengthen the parts of pieces of a curved surface [-]; near a null of the whole
+the ratio of both has no meaning. Design value."""
 
 
 def finite_shares(
@@ -43,45 +47,42 @@ def finite_shares(
     share = _edge_shares(search.table.wedges, found, geometry, wedges, carriers_hz)
     curvature = np.full((len(found), 6), np.nan)
     is_specular = found.kind == SPECULAR
-    curved = search.table.curved
+    curved, mixed = search.table.curved, None
     if curved is not None:
         is_curved = is_specular & curved.is_curved[np.where(is_specular, found.surface, 0)]
         rows = np.flatnonzero(is_curved.any(axis=1))
         if len(rows):
-            own, curvature[rows] = _curved_shares(search, found, rows, curved, carriers_hz)
+            own, curvature[rows], mixed = _curved_reflections(search, found, rows, curved)
             share[rows] *= own
         is_specular &= ~is_curved
-    path, step = np.nonzero(is_specular)
-    table, device = search.table, search.scene.device
-    vertex, normal = found.vertex[path, step], found.normal[path, step]
-    ends = np.concatenate([search.links.tx.position[found.link][:, None], found.vertex], axis=1)
-    before_at = ends[path, step]
-    is_last = step + 1 == found.order[path]
-    next_at = np.where(
-        is_last[:, None],
-        search.links.rx.position[found.link[path]],
-        found.vertex[path, np.minimum(step + 1, found.vertex.shape[1] - 1)],
-    )
-    heights = dot(before_at - vertex, normal), dot(next_at - vertex, normal)
-    feet = before_at - heights[0][:, None] * normal, next_at - heights[1][:, None] * normal
-    point = (heights[1][:, None] * feet[0] + heights[0][:, None] * feet[1]) / (heights[0] + heights[1])[:, None]
-    incoming = point - before_at
-    incoming /= np.linalg.norm(incoming, axis=1)[:, None]
-    before, behind = geometry.lengths_around(path, step)
-    plane = table.plane[found.surface[path, step]]
-    owner = table.owner[table.lead[plane]]
-    carrier = np.where(owner < 0, search.host_pose.shape[1], owner)
-    given = [
-        (search.links.batch_index[found.link[path]], wp.int32),
-        (outlines.of_plane[plane], wp.int32),
-        (carrier, wp.int32),
-        (point, wp.vec3d),
-        (vertex, wp.vec3d),
-        (incoming, wp.vec3d),
-        (before, wp.float64),
-        (behind, wp.float64),
-        (np.ones(len(path), dtype=bool), wp.bool),
-    ]
+    share, walls = _flat_reflections(search, found, geometry, is_specular, outlines, carriers_hz, share)
+    return share, walls if mixed is None else join_walls(walls, mixed), curvature
+
+
+def _flat_reflections(
+    search: Search,
+    found: TracedPaths,
+    geometry: PathGeometry,
+    is_flat: np.ndarray,
+    outlines: OutlineTable,
+    carriers_hz: tuple[float, ...],
+    share: np.ndarray,
+) -> tuple[np.ndarray, MixedWalls]:
+    """Return the shares of paths with those of their reflections at flat surfaces, and those of several materials.
+
+    Args:
+        search: Scene, links and surfaces of the paths.
+        found: The paths.
+        geometry: Their geometry.
+        is_flat: Which interactions are reflections at flat surfaces, shape [P, D].
+        outlines: Outlines of the planes.
+        carriers_hz: Carrier frequencies [Hz], shape [C].
+        share: Product of the shares of all other interactions, shape [P, C].
+    """
+    path, step = np.nonzero(is_flat)
+    plane = search.table.plane[found.surface[path, step]]
+    device = search.scene.device
+    given = _mirror_columns(search, found, geometry, path, step, outlines)
     whole = [
         wp.array(search.host_pose, dtype=wp.transformd, device=device),
         wp.array(SPEED_OF_LIGHT / np.array(carriers_hz), dtype=wp.float64, device=device),
@@ -103,13 +104,54 @@ def finite_shares(
     parts = shares(columns)
     is_part = (np.abs(parts).max(axis=1) >= WEAKEST_PIECE) & (piece != own[hit])
     is_mixed = np.bincount(hit, is_part, len(path)) > 0
-    rest = share.copy()
-    np.multiply.at(share, path, values)
+    total, rest = share.copy(), share.copy()
+    np.multiply.at(total, path, values)
     np.multiply.at(rest, path[~is_mixed], values[~is_mixed])
     first = np.concatenate([[0], np.cumsum(count[is_mixed[several]])])
     kept, material = is_mixed[hit], outlines.piece_material[piece[is_mixed[hit]]]
     walls = mix_walls(path[is_mixed], step[is_mixed], first, material, parts[kept], rest, found.kind.shape[1])
-    return share, walls, curvature
+    return total, walls
+
+
+def _mirror_columns(
+    search: Search,
+    found: TracedPaths,
+    geometry: PathGeometry,
+    path: np.ndarray,
+    step: np.ndarray,
+    outlines: OutlineTable,
+) -> list:
+    """Return the arguments of `share_kernel` of reflections at flat surfaces, each with its type."""
+    table = search.table
+    vertex, normal = found.vertex[path, step], found.normal[path, step]
+    ends = np.concatenate([search.links.tx.position[found.link][:, None], found.vertex], axis=1)
+    before_at = ends[path, step]
+    is_last = step + 1 == found.order[path]
+    next_at = np.where(
+        is_last[:, None],
+        search.links.rx.position[found.link[path]],
+        found.vertex[path, np.minimum(step + 1, found.vertex.shape[1] - 1)],
+    )
+    heights = dot(before_at - vertex, normal), dot(next_at - vertex, normal)
+    feet = before_at - heights[0][:, None] * normal, next_at - heights[1][:, None] * normal
+    point = (heights[1][:, None] * feet[0] + heights[0][:, None] * feet[1]) / (heights[0] + heights[1])[:, None]
+    incoming = point - before_at
+    incoming /= np.linalg.norm(incoming, axis=1)[:, None]
+    before, behind = geometry.lengths_around(path, step)
+    plane = table.plane[found.surface[path, step]]
+    owner = table.owner[table.lead[plane]]
+    carrier = np.where(owner < 0, search.host_pose.shape[1], owner)
+    return [
+        (search.links.batch_index[found.link[path]], wp.int32),
+        (outlines.of_plane[plane], wp.int32),
+        (carrier, wp.int32),
+        (point, wp.vec3d),
+        (vertex, wp.vec3d),
+        (incoming, wp.vec3d),
+        (before, wp.float64),
+        (behind, wp.float64),
+        (np.ones(len(path), dtype=bool), wp.bool),
+    ]
 
 
 def _edge_shares(
@@ -142,10 +184,28 @@ def weakest_shares(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
     return out
 
 
-def _curved_shares(
-    search: Search, found: TracedPaths, path: np.ndarray, curved: CurvedTable, carriers_hz: tuple[float, ...]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shares of paths whose only interaction is at a curved surface, [n, C], and its curvature, [n, 6]."""
-    step = np.argmax(found.kind[path] == SPECULAR, axis=1)
-    facet = curved.first_facet[found.surface[path, step]]
-    return curved_shares(search, found.link[path], facet, found.vertex[path, step], curved, is_facet=False)
+def _curved_reflections(
+    search: Search, found: TracedPaths, path: np.ndarray, curved: CurvedTable
+) -> tuple[np.ndarray, np.ndarray, MixedWalls]:
+    """Return the shares of paths whose only interaction is at a curved surface, shape [n, C], its curvature, [n, 6],
+    and those at several materials."""
+    surface = found.surface[path, 0]
+    given = found.link[path], curved.first_facet[surface], found.vertex[path, 0]
+    share, curvature = curved_shares(search, *given, curved, is_facet=False)
+    own = curved.piece[surface]
+    several = np.flatnonzero(own >= 0)
+    low, high = (np.searchsorted(curved.piece_group, curved.piece_group[own[several]], s) for s in ("left", "right"))
+    count = high - low
+    hit, begin = np.repeat(several, count), np.cumsum(count) - count
+    piece = np.repeat(low - begin, count) + np.arange(len(hit))
+    part = curved_piece_shares(search, *(column[hit] for column in given), piece, piece == own[hit], curved)
+    whole = np.zeros(share.shape, dtype=np.complex128)
+    np.add.at(whole, hit, part)
+    scale = np.divide(share, whole, out=np.zeros_like(share), where=whole != 0.0)
+    part = part * (scale * np.minimum(1.0, MOST_OF_PIECE / np.maximum(np.abs(scale), 1e-300)))[hit]
+    is_part = np.abs(part).max(axis=1, initial=0.0) >= WEAKEST_PIECE
+    is_mixed = np.bincount(hit, is_part & (piece != own[hit]), len(path)) > 0
+    kept = np.flatnonzero(is_mixed[hit] & is_part)
+    material = np.full((len(kept), found.kind.shape[1]), -1)
+    material[:, 0] = curved.piece_material[piece[kept]]
+    return share, curvature, MixedWalls(path[hit[kept]], material, part[kept])

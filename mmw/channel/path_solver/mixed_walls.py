@@ -32,6 +32,13 @@ class MixedWalls:
         return MixedWalls(np.searchsorted(rows, self.path[own]), *columns)
 
 
+def join_walls(one: MixedWalls, other: MixedWalls) -> MixedWalls:
+    """Return the combinations of two sets of different paths as one set."""
+    order = np.argsort(np.concatenate([one.path, other.path]), kind="stable")
+    columns = ("path", "material_id", "weight")
+    return MixedWalls(*(np.concatenate([getattr(one, name), getattr(other, name)])[order] for name in columns))
+
+
 def mix_walls(
     path: np.ndarray,
     step: np.ndarray,

@@ -184,7 +184,8 @@ def make_surface_table(
         objects_of = [arrays.object_id[solid[0]], *(np.zeros(len(m.faces), dtype=np.int32) for m in arrays.models)]
         begin = np.cumsum([0, *(len(order) for order in orders)])
         triangles = [k + np.argsort(order)[own] for k, order, own in zip(begin, orders, solid, strict=False)]
-        described = [(*mesh, *more) for mesh, *more in zip(meshes, objects_of, triangles, strict=True)]
+        materials = [arrays.material[solid[0]], *(m.material for m in arrays.models)]
+        described = [(*mesh, *more) for mesh, *more in zip(meshes, objects_of, materials, triangles, strict=True)]
         curved = make_curved_table(described, row_all, first, triangle_count, area, scene.device)
     return SurfaceTable(
         **{name: table[name] for name in ("owner", "object_id", "material_id", "area", "is_slab", "is_rough")},

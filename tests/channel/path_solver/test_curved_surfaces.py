@@ -57,13 +57,15 @@ def sphere(radius: float, rows: int, height: float) -> MeshPart:
 def curved(points: np.ndarray, faces: np.ndarray) -> CurvedPart:
     """Return the curved surfaces of a mesh of one object."""
     zero = np.zeros(len(faces), dtype=np.int64)
-    return find_curved(find_edges(points, faces), find_surfaces(points, faces, zero, zero), zero)
+    return find_curved(find_edges(points, faces), find_surfaces(points, faces, zero, zero), zero, zero)
 
 
-def solve(parts: list[MeshPart], tx: tuple, rx: list[tuple], device: str, **options: object) -> PathSet:
+def solve(
+    parts: list[MeshPart], tx: tuple, rx: list[tuple], device: str, materials: dict = MATERIALS, **options: object
+) -> PathSet:
     """Return the paths from `tx` to each of `rx` at both carriers, by isotropic antennas at the ends themselves."""
     settings = {"max_depth": 1, "finite_surfaces": True, "pattern": "iso", "carriers_hz": CARRIERS} | options
-    return oracle.solve(oracle.link_scene(parts, tx, *rx, materials=MATERIALS), oracle.channel(**settings), device)[1]
+    return oracle.solve(oracle.link_scene(parts, tx, *rx, materials=materials), oracle.channel(**settings), device)[1]
 
 
 def reflected_db(paths: PathSet) -> np.ndarray:
