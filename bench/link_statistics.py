@@ -27,10 +27,16 @@ from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.path_table import SAMPLE_COLUMNS, CarrierPaths, rows_from_paths
 from mmw.channel.path_tracks import LINK_NAMES, PathTracks, tracks_from_rows
 from mmw.channel.paths import LOS_STATES, PATH_DIFFUSE, PathSet
-from mmw.channel.track_statistics import continues_old_path, level_steps_db, median_lifetime, survival
-from mmw.config import ChannelConfig
+from mmw.channel.track_statistics import (
+    continues_old_path,
+    fine_steps_db,
+    level_steps_db,
+    median_lifetime,
+    sample_rows,
+    survival,
+)
 from mmw.config.physics_presets import PHYSICS_PRESETS
-from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.constants import FRAME_RATE_HZ, SPEED_OF_LIGHT
 from mmw.physics.em.interaction import SPECULAR
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
@@ -47,6 +53,9 @@ SAME_WAVE_RAD = np.radians(1.0)
 
 JUMP_DB = 3.0
 """Change of the level of one path from frame to frame that counts as a jump [dB]."""
+
+GRADUAL_DB = 1.5
+"""A jump without a larger change than this between finer frames is gradual [dB]."""
 
 RANGE_DB = 40.0
 """Births and steps of paths weaker than the strongest of their link by more do not count [dB]: the range of presets."""
@@ -66,7 +75,7 @@ DIGITS = 4
 
 
 def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray, rate_hz: int) -> Record:
-    """Return how paths live over successive frames.
+    """Return how paths live over successive frames, and with more than `FRAME_RATE_HZ` also as those would show them.
 
     Diffuse ones, which exist in one frame each, are left out. Births count of paths within `RANGE_DB` of the strongest
     of their link, steps where both levels are. A path that a birth continues was within `BELOW_DB` more.
@@ -82,30 +91,91 @@ def lives(paths: CarrierPaths, path_id: np.ndarray, is_diffuse: np.ndarray, rate
     kept = np.flatnonzero(~is_diffuse)
     columns = {name: getattr(paths, name)[kept] for name in SAMPLE_COLUMNS}
     own = replace(paths, link=paths.link[kept], **columns)
-    tracks = tracks_from_rows(own, path_id[kept], rate_hz=rate_hz)
-    relative = np.abs(tracks_from_rows(replace(own, a=own.a / strongest[own.link]), path_id[kept], rate_hz=rate_hz).a)
+    relative = np.abs(own.a) / strongest[own.link]
+    tracks, level = _tracks(own, relative, path_id, rate_hz)
     begin, end = tracks.offset[:-1], tracks.offset[1:] - 1
     births = tracks.is_birth & ~_begins_with_link(tracks, paths)
-    is_strong = relative > 10.0 ** (-STRONG_DB / 20.0)
+    is_strong = level > 10.0 ** (-STRONG_DB / 20.0)
     ends = (births & is_strong[begin]).sum() + (tracks.is_death & is_strong[end]).sum()
-    is_heard = relative > 10.0 ** (-RANGE_DB / 20.0)
-    births &= is_heard[begin]
+    births &= level[begin] > 10.0 ** (-RANGE_DB / 20.0)
     same_s = SAME_LENGTH_M_S / rate_hz / SPEED_OF_LIGHT
-    is_step = np.ones(max(len(relative) - 1, 0), dtype=bool)
-    is_step[begin[1:] - 1] = False
-    steps = np.abs(level_steps_db(tracks))[(is_heard[:-1] & is_heard[1:])[is_step]]
     survivors = survival(tracks, births)
-    return {
+    is_one_wave = continues_old_path(tracks, same_s, SAME_WAVE_RAD)
+    out = {
         "births": int(births.sum()),
         "births_per_link_frame": births.sum() / paths.link_count,
         "births_that_continue": _share(continues_old_path(tracks, same_s)[births]),
-        "births_of_one_wave": _share(continues_old_path(tracks, same_s, SAME_WAVE_RAD)[births]),
-        "jumps": _share(steps > JUMP_DB),
+        "births_of_one_wave": _share(is_one_wave[births]),
+        "jumps": _share(np.abs(level_steps_db(tracks))[_is_heard(tracks, level)] > JUMP_DB),
         "strong_ends_per_s": ends / paths.link_count * rate_hz,
         "lives_of_one_frame": 1.0 - survivors[1] if births.any() else None,
         "median_life_s": median_lifetime(tracks, births),
         "survivors_at_end": survivors[-1] if births.any() else None,
     }
+    if rate_hz > FRAME_RATE_HZ and rate_hz % FRAME_RATE_HZ == 0:
+        out |= thinned_lives(own, relative, path_id, tracks, is_one_wave)
+    return out
+
+
+def thinned_lives(
+    paths: CarrierPaths, relative: np.ndarray, path_id: np.ndarray, fine: PathTracks, is_one_wave: np.ndarray
+) -> Record:
+    """Return how paths live over every n-th frame, 1 / `FRAME_RATE_HZ` apart, and what the frames in between tell.
+
+    A jump is gradual where no change from a frame to the next in between is larger than `GRADUAL_DB`, and holds a step
+    where one is larger than `JUMP_DB`. A birth that continues an ended wave is a renamed path where it does so from a
+    frame to the next, too; the others are paths of their own, that were there at the same time or not at all.
+
+    Args:
+        paths: Paths of all frames.
+        relative: Level of each over that of the strongest of its link, shape [P].
+        path_id: Identifier of the path of each row, see `CarrierPaths.row`.
+        fine: Tracks of all frames.
+        is_one_wave: Whether each of these goes on from another one, shape [K].
+    """
+    step = fine.rate_hz // FRAME_RATE_HZ
+    change, within, born, goes_on, renamed = ([] for _ in range(5))
+    for phase in range(step):
+        is_own = paths.keys["frame"] % step == phase
+        own = paths.take(is_own)
+        tracks, level = _tracks(own, relative[is_own[paths.link]], path_id, fine.rate_hz, step)
+        heard = _is_heard(tracks, level)
+        change.append(np.abs(level_steps_db(tracks))[heard])
+        within.append(fine_steps_db(tracks, fine)[heard])
+        begin = tracks.offset[:-1]
+        births = tracks.is_birth & ~_begins_with_link(tracks, own) & (level[begin] > 10.0 ** (-RANGE_DB / 20.0))
+        same_s = SAME_LENGTH_M_S / FRAME_RATE_HZ / SPEED_OF_LIGHT
+        born.append(births.sum())
+        one_wave = np.flatnonzero(continues_old_path(tracks, same_s, SAME_WAVE_RAD) & births)
+        row = sample_rows(fine, tracks, one_wave, tracks.birth[one_wave])
+        goes_on.append(len(one_wave))
+        renamed.append(is_one_wave[fine.track[row]].sum())
+    jump, births = np.concatenate(change) > JUMP_DB, sum(born)
+    largest = np.concatenate(within)[jump]
+    return {
+        "thinned_jumps": _share(jump),
+        "thinned_jumps_gradual": _share(largest < GRADUAL_DB),
+        "thinned_jumps_with_step": _share(largest > JUMP_DB),
+        "thinned_births_of_one_wave": sum(goes_on) / births if births else None,
+        "thinned_births_renamed": sum(renamed) / births if births else None,
+    }
+
+
+def _tracks(
+    paths: CarrierPaths, relative: np.ndarray, path_id: np.ndarray, rate_hz: int, step: int = 1
+) -> tuple[PathTracks, np.ndarray]:
+    """Return the tracks of paths, and the level of each sample over the strongest path of its link."""
+    own = path_id[paths.row]
+    level = tracks_from_rows(replace(paths, a=relative.astype(complex)), own, rate_hz=rate_hz, step=step).a
+    return tracks_from_rows(paths, own, rate_hz=rate_hz, step=step), np.abs(level)
+
+
+def _is_heard(tracks: PathTracks, level: np.ndarray) -> np.ndarray:
+    """Return which changes of `level_steps_db` are between two samples within `RANGE_DB` of the strongest, [S - K]."""
+    is_heard = level > 10.0 ** (-RANGE_DB / 20.0)
+    is_step = np.ones(max(len(level) - 1, 0), dtype=bool)
+    is_step[tracks.offset[1:-1] - 1] = False
+    return (is_heard[:-1] & is_heard[1:])[is_step]
 
 
 def _begins_with_link(tracks: PathTracks, paths: CarrierPaths) -> np.ndarray:
@@ -221,16 +291,13 @@ def measure(scenario: str, physics: str, length: int, bursts: int, device: str, 
     links = make_links(data, frames, config)
     table = make_surface_table(on_device, **config.surface_options)
 
-    def solve(own: ChannelConfig) -> PathSet:
-        return solve_paths(on_device, links, own, data.materials, table, air=scene.weathers)
-
+    is_wider = config.dynamic_range_db is not None and not config.diffuse_reflection
+    own = config.model_copy(update={"dynamic_range_db": config.dynamic_range_db + BELOW_DB}) if is_wider else config
     began = time.perf_counter()
-    paths = solve(config)
-    head = {"scenario": scenario, "physics": physics, "rate_hz": rate_hz, "frames": length, "bursts": bursts}
+    wide = solve_paths(on_device, links, own, data.materials, table, air=scene.weathers)
     seconds = {"solve_s": time.perf_counter() - began}
-    wide = paths
-    if config.dynamic_range_db is not None and not config.diffuse_reflection:
-        wide = solve(config.model_copy(update={"dynamic_range_db": config.dynamic_range_db + BELOW_DB}))
+    paths = wide.take(wide.rows_within(config.dynamic_range_db)) if is_wider else wide  # as if solved by itself
+    head = {"scenario": scenario, "physics": physics, "rate_hz": rate_hz, "frames": length, "bursts": bursts}
     return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths, wide, rate_hz)]
 
 

@@ -10,7 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from bench.link_statistics import BELOW_DB, JUMP_DB, PERCENTILES, RANGE_DB, SAME_LENGTH_M_S, SAME_WAVE_RAD, STRONG_DB
+from bench.link_statistics import (
+    BELOW_DB,
+    GRADUAL_DB,
+    JUMP_DB,
+    PERCENTILES,
+    RANGE_DB,
+    SAME_LENGTH_M_S,
+    SAME_WAVE_RAD,
+    STRONG_DB,
+)
 from mmw.channel.tr38901 import LogNormal, street_canyon
 from mmw.config.physics_presets import PHYSICS_PRESETS
 
@@ -44,7 +53,7 @@ python -m bench.link_statistics_page
 The first command replaces only what it measures (`--scenarios`, `--physics`, `--rate-hz`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
 
 - Paths count as resolved: powers add. A link of one frame is a link-frame.
-- Rows of `standard` and `full` are from before points of reflection on wavering normals came and went without a step.
+- Rows of `standard` and `full` are of an older solver: from before points of reflection on wavering normals came and went without a step, parts of several materials in one body reflected their part each, and sections of vehicles had names of their own. Rows with shares of gradual jumps (section Continuity) are of the present one.
 - Cells with three numbers are the median and, in parentheses, the {PERCENTILES[0]}th and {PERCENTILES[2]}th percentile.
 """  # noqa: E501
 
@@ -65,6 +74,15 @@ A vehicle that passes at 10 m/s moves by nine wavelengths of 28 GHz in 1/100 s. 
 
 - **births a second**: of each link
 - **strong ends**: births and ends of paths within {STRONG_DB:g} dB of the strongest of their link, for each link and second. An obstacle in the way ends a path there too; its edge then carries on what is left.
+"""  # noqa: E501
+
+GRADUAL = f"""
+The same recordings as every 1/{RATE_HZ} s shows them, from every first frame, and what the frames in between tell:
+
+- **jumps**: steps of more than {JUMP_DB:g} dB in 1/{RATE_HZ} s
+- **gradual**: share of the jumps without a change of more than {GRADUAL_DB:g} dB between two frames in between: the field fades that fast. **with a step**: share of those with one of more than {JUMP_DB:g} dB, or in which the path is away
+- **steps**: jumps with a step, as a share of all changes
+- **one wave**: births that continue an ended path, as above; **renamed**: births that do so from one frame to the next, too. The others are two paths: one ends and another begins within 1/{RATE_HZ} s, or they are there together.
 """  # noqa: E501
 
 DISPERSION = f"""
@@ -92,6 +110,8 @@ def channel_statistics_page(records: list[dict[str, Any]]) -> str:
     lines = [HEAD, *_measured(once), *_sights(once), LIVES, *_lives(records)]
     if finer:
         lines += [CONTINUITY, *_continuity(finer)]
+        thinned = [own for own in finer if "thinned_jumps" in own]
+        lines += [GRADUAL, *_gradual(thinned)] if thinned else []
     for is_los, title in ((True, "With line of sight"), (False, "Without line of sight")):
         lines += ["", f"## {title}", "", _state_text(is_los)]
         lines += [DISPERSION] if is_los else [""]
@@ -152,6 +172,20 @@ def _continuity(records: list[dict[str, Any]]) -> list[str]:
         jumps = NO_VALUE if own["jumps"] is None else f"{100 * own['jumps']:.3f}"
         old = _percent(own["births_that_continue"]), _percent(own["births_of_one_wave"])
         lines.append(_row([*case, births, *old, f"{own['strong_ends_per_s']:.1f}", jumps]))
+    return lines
+
+
+def _gradual(records: list[dict[str, Any]]) -> list[str]:
+    head = ["scenario", "preset", "GHz", "link-frames", "jumps [%]", "gradual [%]", "with a step [%]", "steps [%]"]
+    head += ["one wave [%]", "renamed [%]"]
+    lines = [_row(head), "|" + "---|" * len(head)]
+    for own in records:
+        case = own["scenario"], own["physics"], f"{own['carrier_hz'] / 1e9:g}", str(own["links"])
+        jumps, with_step = own["thinned_jumps"], own["thinned_jumps_with_step"]
+        shares = _percent(jumps), _percent(own["thinned_jumps_gradual"]), _percent(with_step)
+        steps = NO_VALUE if jumps is None else f"{100 * jumps * (with_step or 0.0):.3f}"
+        births = _percent(own["thinned_births_of_one_wave"]), _percent(own["thinned_births_renamed"])
+        lines.append(_row([*case, *shares, steps, *births]))
     return lines
 
 

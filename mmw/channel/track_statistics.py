@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from mmw.channel.path_tracks import PathTracks
+from mmw.channel.path_tracks import LINK_NAMES, PathTracks
 from mmw.physics.em.vectors import unit_vector
 
-__all__ = ["continues_old_path", "level_steps_db", "median_lifetime", "survival"]
+__all__ = ["continues_old_path", "fine_steps_db", "level_steps_db", "median_lifetime", "sample_rows", "survival"]
 
 
 def survival(tracks: PathTracks, births: np.ndarray | None = None) -> np.ndarray:
@@ -88,3 +88,69 @@ def level_steps_db(tracks: PathTracks) -> np.ndarray:
     before, after = level[:-1][is_same], level[1:][is_same]
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where((before == 0.0) & (after == 0.0), 0.0, 20.0 * np.log10(after / before))
+
+
+def sample_rows(fine: PathTracks, tracks: PathTracks, track: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Return the samples that paths of other tracks have in frames, -1 where a path is not there, shape [n], int64.
+
+    Args:
+        fine: Tracks whose samples are asked for.
+        tracks: Tracks of the same recording.
+        track: Row of `tracks`, shape [n].
+        frame: Shape [n].
+
+    Raises:
+        ValueError: If a link of `tracks` is not among those of `fine`.
+    """
+    number = {names: index for index, names in enumerate(_link_names(fine))}
+    missing = [names for names in _link_names(tracks) if names not in number]
+    if missing:
+        raise ValueError(f"sample_rows: link {missing[0]} is not among the finer tracks; give those of the same links")
+    link = np.array([number[names] for names in _link_names(tracks)], dtype=np.int64)[tracks.link[track]]
+    known = fine.link[fine.track], fine.path_id[fine.track], fine.frame
+    both = [np.concatenate(pair) for pair in zip(known, (link, tracks.path_id[track], frame), strict=True)]
+    key = np.unique(np.column_stack(both), axis=0, return_inverse=True)[1].reshape(-1)
+    row = np.full(len(key), -1, dtype=np.int64)
+    row[key[: len(fine.frame)]] = np.arange(len(fine.frame))
+    return row[key[len(fine.frame) :]]
+
+
+def fine_steps_db(tracks: PathTracks, fine: PathTracks) -> np.ndarray:
+    """Return, for each change of `level_steps_db`, the largest one between two of the finer samples in between [dB].
+
+    A change that a channel makes little by little has small ones in between, a step has itself. Infinite where the path
+    is away in between.
+
+    Args:
+        tracks: Tracks of paths, with K tracks and S samples.
+        fine: Tracks of the same recording with samples closer to each other.
+
+    Returns:
+        Absolute values, shape [S - K].
+
+    Raises:
+        ValueError: If `tracks` have samples that are not among the finer ones, or lie no whole number of them apart.
+    """
+    ratio = tracks.step // fine.step
+    if ratio * fine.step != tracks.step or not np.isin(tracks.frames, fine.frames).all():
+        raise ValueError(
+            f"fine_steps_db: samples of {tracks.step} and {fine.step} frames; give tracks of every n-th frame, and "
+            "those of all frames"
+        )
+    is_last = np.zeros(len(tracks.frame), dtype=bool)
+    is_last[tracks.offset[1:] - 1] = True
+    track, frame = tracks.track[~is_last], tracks.frame[~is_last]
+    level, out = np.abs(fine.a), np.zeros(len(track))
+    before = sample_rows(fine, tracks, track, frame)
+    for k in range(1, ratio + 1):
+        after = sample_rows(fine, tracks, track, frame + k * fine.step)
+        one, two = (np.where(rows < 0, np.nan, level[rows]) for rows in (before, after))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where((one == 0.0) & (two == 0.0), 0.0, np.abs(20.0 * np.log10(two / one)))
+        out = np.maximum(out, np.where(np.isnan(step), np.inf, step))
+        before = after
+    return out
+
+
+def _link_names(tracks: PathTracks) -> list[tuple[str, ...]]:
+    return list(zip(*(getattr(tracks, name) for name in LINK_NAMES), strict=True))
