@@ -51,9 +51,11 @@ def path_names(
 ) -> np.ndarray:
     """Return the identifier of each path, shape [P], int64.
 
-    A reflection or passage is named by its wall: all coplanar surfaces, or a section of a curved one. A diffraction is
-    named by the line that its edge belongs to, along a round post by the post and the side that the path passes; a
-    diffuse one by its ray. Paths of a link with one name are numbered, as several points of reflection on one vehicle.
+    A reflection is named by its wall: all coplanar surfaces, or a section of a curved one. A passage is named by its
+    object, of which it may cross one pane after the other: it bends nothing, so that the rest tells the path. A
+    diffraction is named by the line that its edge belongs to, along a round post by the post and the side that the path
+    passes; a diffuse one by its ray. Paths of a link with one name are numbered, as several points of reflection on one
+    vehicle.
 
     Args:
         links: The traced links.
@@ -64,10 +66,11 @@ def path_names(
         section: `body_sections` of the paths.
         rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
     """
-    is_flat = (found.kind == SPECULAR) | (found.kind == TRANSMISSION)
     named = found.surface
-    if is_flat.any():
-        named = np.where(is_flat, table.wall[np.where(is_flat, named, 0)], named)
+    for kind, names in ((SPECULAR, table.wall), (TRANSMISSION, table.object_id)):
+        is_own = found.kind == kind
+        if is_own.any():
+            named = np.where(is_own, names[np.where(is_own, found.surface, 0)], named)
     rough, step = np.nonzero(found.kind == DIFFUSE)
     if len(rough) or len(wedges.path):
         named = named.copy()

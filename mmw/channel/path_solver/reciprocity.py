@@ -91,6 +91,7 @@ def add_reversed_links(
         joined[name] = getattr(paths, name)[own]
     surface = joined["surface"][len(paths) :]
     named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)
+    named = np.where(interaction == TRANSMISSION, joined["object_id"][len(paths) :], named)
     back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, named)
     back_id = tell_apart(with_numbers(back_id, section[row]), link, rank_by[row])
     joined["path_id"] = np.concatenate([paths.path_id, back_id])

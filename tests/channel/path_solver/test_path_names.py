@@ -1,17 +1,22 @@
-"""Names of paths over frames in which others come and go."""
+"""Names of paths over frames in which their points move on, and other paths come and go."""
 
 import numpy as np
 import pytest
 
 from mmw.channel.path_solver.path_names import SECTION_M
 from mmw.core.planar_surfaces import find_surfaces
-from mmw.physics.em.interaction import SPECULAR
+from mmw.physics.em.interaction import SPECULAR, TRANSMISSION
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.scene_data import Prototype
-from tests.fixtures.scenes import arrays_from_parts, box_model, pose
+from tests.fixtures.scenes import arrays_from_parts, box_model, pose, quad_part
 from tests.oracles import channel as oracle
 
-MATERIALS = oracle.radio_materials({"metal": RadioMaterial("itu", itu="itu_pec")})
+MATERIALS = oracle.radio_materials(
+    {
+        "metal": RadioMaterial("itu", itu="itu_pec"),
+        "glass": RadioMaterial("constant", relative_permittivity=6.3, conductivity=0.03, thickness=0.006),
+    }
+)
 
 
 def body_with_two_humps() -> Prototype:
@@ -52,3 +57,22 @@ def test_what_hides_one_point_of_a_body_does_not_rename_the_other(turn: float, d
     assert len(set(names[0].values())) == len(set(names[1].values())) == 1
     assert names[0][0] != names[1][0]
     assert abs(humps[0][0] - humps[1][0]) > SECTION_M
+
+
+def test_a_path_keeps_its_name_from_pane_to_pane(device: str) -> None:
+    """A window of two panes that meet at 10 degrees passes through the line of sight: one path all the time."""
+    tilt = np.tan(np.radians(10.0))
+    panes = [
+        quad_part(
+            "Buildings/house", [(x, y, -2.0), (0.0, 0.0, -2.0), (0.0, 0.0, 2.0), (x, y, 2.0)], "glass", "building"
+        )
+        for x, y in ((2.0 * tilt, -2.0), (0.0, 2.0))
+    ]
+    poses = [[pose(-10.0, y), pose(10.0, y)] for y in (-1.0, -0.2, 0.2, 1.0)]
+    arrays = arrays_from_parts(
+        panes, actors=[("rsu_1", "rsu", -1), ("cav_1", "cav", -1)], poses=poses, materials=MATERIALS
+    )
+    _, paths = oracle.solve(arrays, oracle.channel(max_depth=1, refraction=True, pattern="iso"), device)
+    own = np.flatnonzero(paths.interaction[:, 0] == TRANSMISSION)
+    assert paths.link[own].tolist() == [0, 1, 2, 3] and len(np.unique(paths.surface[own, 0])) == 2
+    assert len(np.unique(paths.path_id[own])) == 1
