@@ -26,7 +26,7 @@ def test_bursts_cover_the_scenario() -> None:
 def test_frames_in_between_tell_fades_from_steps() -> None:
     """Over 25 ms one path fades by 0.5 dB in each, one loses 6 dB at once, and one has another name from the 12th on.
 
-    Of 15 pairs of frames 10 ms apart the first changes by 5 dB in all, the second in 10; the third has 5 under one name.
+    Of 15 pairs of frames 10 ms apart the first changes by 5 dB in all, the second in 10; the third has 5 with one name.
     """
     count = 25
     frame = np.repeat(np.arange(count), 4)

@@ -9,9 +9,10 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.physics.em.interaction import SPECULAR
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.channel.path_solver.test_curved_surfaces import CARRIERS, solve, tube
+from tests.fixtures.scenes import tube
 from tests.oracles import channel as oracle
 
+CARRIERS = (4.9e9, 28e9)
 MATERIALS = oracle.radio_materials(
     {"metal": RadioMaterial("itu", itu="itu_pec"), "glass": RadioMaterial("itu", itu="itu_glass")}
 )
@@ -54,9 +55,11 @@ def test_each_material_of_a_curved_panel_reflects_its_part(device: str) -> None:
     tx = np.array([25.0 * np.cos(SEAM + 0.4), 25.0 * np.sin(SEAM + 0.4), 20.0])
     turn = SEAM - 0.4 + np.linspace(-0.2, 0.2, 41)
     rx = np.stack([25.0 * np.cos(turn), 25.0 * np.sin(turn), np.full(41, 20.0)], axis=1)
+    config = oracle.channel(max_depth=1, finite_surfaces=True, pattern="iso", carriers_hz=CARRIERS)
     levels = []
     for materials in (("metal", "metal"), ("glass", "glass"), ("metal", "glass")):
-        paths = solve(panel(materials), tuple(tx), [tuple(at) for at in rx], device, materials=MATERIALS)
+        arrays = oracle.link_scene(panel(materials), tuple(tx), *(tuple(at) for at in rx), materials=MATERIALS)
+        _, paths = oracle.solve(arrays, config, device)
         own = np.flatnonzero(paths.interaction[:, 0] == SPECULAR)
         assert paths.link[own].tolist() == list(range(41))
         levels.append(paths.a["sunny"][own])

@@ -18,21 +18,11 @@ from mmw.physics.em.interaction import SPECULAR
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.mesh_edges import find_edges
 from mmw.worlds.towns.mesh_part import MeshPart
-from tests.fixtures.scenes import arrays_from_parts, box_part, pose, quad_part
+from tests.fixtures.scenes import arrays_from_parts, box_part, pose, quad_part, tube
 from tests.oracles import channel as oracle
 
 CARRIERS = (4.9e9, 28e9)
 MATERIALS = oracle.radio_materials({"metal": RadioMaterial("itu", itu="itu_pec")})
-
-
-def tube(radius: float, sides: int, height: float = 40.0, angle: float = 2 * np.pi) -> MeshPart:
-    """Return the mantle of an upright prism around the origin, or a part of it, that looks outward."""
-    turn = 0.2 + np.linspace(0.0, angle, sides + 1)
-    ring = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(sides + 1)], axis=1)
-    points = np.concatenate([ring, ring + np.array([0.0, 0.0, height])])
-    k, up = np.arange(sides), sides + 1
-    faces = np.concatenate([np.stack([k, k + 1, k + 1 + up], axis=1), np.stack([k, k + 1 + up, k + up], axis=1)])
-    return MeshPart("Props/tube", points, faces.astype(np.int32), "metal", "pole")
 
 
 def sphere(radius: float, rows: int, height: float) -> MeshPart:
@@ -60,12 +50,10 @@ def curved(points: np.ndarray, faces: np.ndarray) -> CurvedPart:
     return find_curved(find_edges(points, faces), find_surfaces(points, faces, zero, zero), zero, zero)
 
 
-def solve(
-    parts: list[MeshPart], tx: tuple, rx: list[tuple], device: str, materials: dict = MATERIALS, **options: object
-) -> PathSet:
+def solve(parts: list[MeshPart], tx: tuple, rx: list[tuple], device: str, **options: object) -> PathSet:
     """Return the paths from `tx` to each of `rx` at both carriers, by isotropic antennas at the ends themselves."""
     settings = {"max_depth": 1, "finite_surfaces": True, "pattern": "iso", "carriers_hz": CARRIERS} | options
-    return oracle.solve(oracle.link_scene(parts, tx, *rx, materials=materials), oracle.channel(**settings), device)[1]
+    return oracle.solve(oracle.link_scene(parts, tx, *rx, materials=MATERIALS), oracle.channel(**settings), device)[1]
 
 
 def reflected_db(paths: PathSet) -> np.ndarray:
