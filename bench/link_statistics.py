@@ -291,12 +291,12 @@ def measure(scenario: str, physics: str, length: int, bursts: int, device: str, 
     links = make_links(data, frames, config)
     table = make_surface_table(on_device, **config.surface_options)
 
-    is_wider = config.dynamic_range_db is not None and not config.diffuse_reflection
-    own = config.model_copy(update={"dynamic_range_db": config.dynamic_range_db + BELOW_DB}) if is_wider else config
+    range_db = None if config.diffuse_reflection else config.dynamic_range_db
+    own = config if range_db is None else config.model_copy(update={"dynamic_range_db": range_db + BELOW_DB})
     began = time.perf_counter()
     wide = solve_paths(on_device, links, own, data.materials, table, air=scene.weathers)
     seconds = {"solve_s": time.perf_counter() - began}
-    paths = wide.take(wide.rows_within(config.dynamic_range_db)) if is_wider else wide  # as if solved by itself
+    paths = wide if range_db is None else wide.take(wide.rows_within(range_db))  # the same as of a solve to that range
     head = {"scenario": scenario, "physics": physics, "rate_hz": rate_hz, "frames": length, "bursts": bursts}
     return [_plain({**head, **own, **seconds}) for own in statistics_of(data, links, paths, wide, rate_hz)]
 

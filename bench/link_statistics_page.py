@@ -53,7 +53,7 @@ python -m bench.link_statistics_page
 The first command replaces only what it measures (`--scenarios`, `--physics`, `--rate-hz`); the second makes this page. Functions: `mmw.channel.statistics`, `mmw.channel.track_statistics` and `mmw.channel.tr38901` ([reference](api/channel.md)).
 
 - Paths count as resolved: powers add. A link of one frame is a link-frame.
-- Rows of `standard` and `full` are of an older solver: from before points of reflection on wavering normals came and went without a step, parts of several materials in one body reflected their part each, and sections of vehicles had names of their own. Rows with shares of gradual jumps (section Continuity) are of the present one.
+- Rows of `standard` and `full` are of an older solver: from before points of reflection on wavering normals came and went without a step, parts of several materials in one body reflected their part each, and sections of vehicles had names of their own.
 - Cells with three numbers are the median and, in parentheses, the {PERCENTILES[0]}th and {PERCENTILES[2]}th percentile.
 """  # noqa: E501
 
@@ -74,6 +74,8 @@ A vehicle that passes at 10 m/s moves by nine wavelengths of 28 GHz in 1/100 s. 
 
 - **births a second**: of each link
 - **strong ends**: births and ends of paths within {STRONG_DB:g} dB of the strongest of their link, for each link and second. An obstacle in the way ends a path there too; its edge then carries on what is left.
+
+With 1000 frames a second the table tells fades from steps at {RATE_HZ} frames a second, too, where it was measured since that is counted. In `town10_curvy_road` (30 frames at 28 GHz) 25 of 1,782 changes over 10 ms are jumps, all at cars: 24 are gradual, without a change of more than {GRADUAL_DB:g} dB in 1 ms, one is steeper, and none holds a step of {JUMP_DB:g} dB. Before parts of several materials reflected each their part and sections of vehicles had names, 16 of 45 did, 10 of these by a name that went from one point of a body to another. The price: two points that move on over the border of a section are renamed. A Kirchhoff integral in float64 over the same smooth surface, in triangles of a sixth of a wavelength, fades as fast: at the roof of a car by 4.7 dB in 9 ms, where the path loses 3.2 dB (over 27 ms both differ by up to 4 dB about their mean); at a flank of paint and glass the path follows the integral over the paint within 0.9 dB.
 """  # noqa: E501
 
 GRADUAL = f"""
