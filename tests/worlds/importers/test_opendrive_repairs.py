@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 
 from mmw.core.errors import InputError
-from tests.fixtures.xodr_files import LANE, Plan, document, link, read_xodr, road, section, street
+from mmw.worlds.importers.opendrive import read_opendrive as reader
+from mmw.worlds.importers.opendrive.ground import MIN_PART, build_ground
+from tests.fixtures.xodr_files import LANE, Plan, document, link, read_xodr, road, section, street, t_town
 
 STREET = road("1", Plan(0, 0, 0).line(40.0), street(0.0, False, False))
 ELSEWHERE = Plan(0, 100, 0).line(40.0)
@@ -128,3 +131,18 @@ def test_a_section_without_lanes_is_a_gap(tmp_path: Path) -> None:
     area = sum(float(np.maximum(part.mesh.crosses[:, 2], 0.0).sum() / 2) for part in paved)
     assert area == pytest.approx(2 * LANE * 20.0, rel=1e-6)
     assert world.lanes is not None and len(world.lanes.lanes) == 4
+
+
+def test_slivers_between_roads_change_no_ground(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Overlays leave thousands, around which GEOS draws borders for minutes."""
+    given: list = []
+    monkeypatch.setattr(reader, "build_ground", lambda *both: given.append(both) or build_ground(*both))
+    (tmp_path / "t.xodr").write_text(t_town())
+    reader.read_opendrive(tmp_path / "t.xodr")
+    ((area, sheets),) = given
+    x, y, *_ = area.bounds
+    slivers = [shapely.box(x - 5.0, y - k, x - 4.99, y - k + 0.05) for k in range(40)]
+    assert max(sliver.area for sliver in slivers) < MIN_PART
+    whole = shapely.MultiPolygon([*shapely.get_parts(area), *slivers])
+    first, second = build_ground(area, sheets), build_ground(whole, sheets)
+    assert np.array_equal(first.points, second.points) and np.array_equal(first.faces, second.faces)

@@ -29,6 +29,9 @@ OVERPASS = 2.5
 """A road that lies this far above another is a bridge there [m]; design value."""
 ABUTMENT = 6.0
 """A bridge reaches this far beyond what it crosses [m]; design value."""
+MIN_PART = 1e-3
+"""Smallest part of the roads that the ground is cut around [m^2]: overlays of roads that overlap leave slivers by the
+thousand, for whose mitred borders GEOS takes minutes. Design value."""
 
 
 def bridge_rows(sheet: Sheet, sheets: Sheets) -> np.ndarray:
@@ -61,6 +64,7 @@ def add_deck(sheet: Sheet, over: np.ndarray) -> shapely.Geometry:
 
 def build_ground(area: shapely.Geometry, sheets: Sheets) -> MeshPart:
     """Return the ground around roads and junctions that cover an area in plan, bridges left out."""
+    area = shapely.MultiPolygon(polygons_of(area, MIN_PART)) if area.area > MIN_PART else area
     rings = [
         shapely.segmentize(shapely.simplify(area.buffer(d, join_style="mitre"), 0.02), EVERY) for d in (-TUCK, TUCK)
     ]
