@@ -19,7 +19,7 @@ from tests.fixtures.city_files import citygml, write_cityjson
 from tests.fixtures.import_files import GROUND, HOUSE, write_glb, write_mitsuba, write_obj
 from tests.fixtures.osm_files import quarter
 from tests.fixtures.overture_files import HOUSES, write_overture
-from tests.fixtures.recordings import COMMONROAD, FCD, lanelet_scenario, tracks_csv
+from tests.fixtures.recordings import COMMONROAD, FCD, lanelet_scenario, net_street, tracks_csv
 from tests.fixtures.tile_files import batched, box_glb, write_tileset
 from tests.fixtures.xodr_files import Plan, document, rise, road, street, t_town
 from tests.fuzz.cases import Step, call, command
@@ -62,6 +62,7 @@ class Maps:
         write_overture(folder / "buildings.parquet", HOUSES)
         for version, text in COMMONROAD.items():
             (folder / f"recorded_{version}.xml").write_text(text)
+        (folder / "street.net.xml").write_text(net_street())
         (folder / "lanelets.xml").write_text(lanelet_scenario())
         (folder / "recorded_fcd.xml").write_text(FCD)
         (folder / "recorded.csv").write_text(tracks_csv())
@@ -195,6 +196,6 @@ _MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     "model.city.json": (_json, _json, _json, _text, mutate_bytes), "model.city.jsonl": (_json, _json, _text),
     "model.gml": _XML, "tiles/tileset.json": (_json, _json, _json, _text), "box.b3dm": (_header, mutate_bytes),
     "buildings.parquet": (_values, _values, mutate_bytes), "lanelets.xml": _XML, "recorded_2020a.xml": _XML,
-    "recorded_2018b.xml": _XML,
+    "recorded_2018b.xml": _XML, "street.net.xml": _XML,
     "recorded_fcd.xml": _XML, "recorded.csv": (_text,), "recorded.parquet": (_values, mutate_bytes),
 }  # fmt: skip

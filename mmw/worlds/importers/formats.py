@@ -78,6 +78,10 @@ OPENSTREETMAP = Importer(
         "windows": "single, bands or none; single unless there are very many by default",
     },
 )  # fmt: skip
+SUMO = Importer(
+    (".net.xml",), "mmw.worlds.importers.sumo.read_net:read_net",
+    "SUMO networks: roads, sidewalks and lanes (needs the extra author)", {},
+)  # fmt: skip
 _LOD = {"lod": "highest level of detail to read, such as lod=1.2; of each object the highest by default"}
 CITYJSON = Importer(
     (".json", ".city.json", ".jsonl", ".city.jsonl"), "mmw.worlds.importers.city.cityjson:read_cityjson",
@@ -98,17 +102,9 @@ OVERTURE = Importer(
 )  # fmt: skip
 
 _NAMES = (
-    "mitsuba",
-    "meshes",
-    "usd",
-    "opendrive",
-    "openstreetmap",
-    "commonroad",
-    "cityjson",
-    "citygml",
-    "tiles",
+    "mitsuba", "meshes", "usd", "opendrive", "openstreetmap", "commonroad", "sumo", "cityjson", "citygml", "tiles",
     "overture",
-)
+)  # fmt: skip
 IMPORTERS: Registry[Importer] = Registry(
     "mmw.importers",
     "importer",
