@@ -22,17 +22,42 @@ class RsuConfig(Section):
     """One roadside unit: a fixed agent with sensors and a transmitter."""
 
     name: PrimName = Field(default="rsu_1", description="agent name of the unit; the `agent` key of its rows (name)")
-    position_m: Vec3 = Field(description="foot of the unit in the world frame, x east, y north, z up [m]")
+    position_m: Vec3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="foot of the unit in the world frame, x east, y north, z up; with `lat_lon`, from that place and "
+        "z = 0; one of both is needed [m]",
+    )
+    lat_lon: tuple[float, float] | None = Field(
+        default=None,
+        description="latitude and longitude of the unit, in a town with a geographic origin; none by default [deg]",
+    )
     yaw_deg: float = Field(
         default=0.0, ge=-360, le=360, description="heading of the unit, counter-clockwise from east [deg]"
     )
+
+    @model_validator(mode="after")
+    def _has_a_place(self) -> "RsuConfig":
+        if self.lat_lon is None and "position_m" not in self.model_fields_set:
+            raise InputError(
+                f"{self.name!r} has no place; give position_m: [x, y, z] or lat_lon: [latitude, longitude]"
+            )
+        if self.lat_lon is not None and not (abs(self.lat_lon[0]) <= 90 and abs(self.lat_lon[1]) <= 180):
+            raise InputError(
+                f"{self.name!r}: lat_lon = {list(self.lat_lon)}; latitude -90 to 90 and longitude -180 to 180 are "
+                "needed; latitude comes first"
+            )
+        return self
 
 
 class BaseStationConfig(RsuConfig):
     """One base station: a fixed agent on a roof or a tower."""
 
     name: PrimName = Field(default="bs_1", description="agent name of the station; the `agent` key of its rows (name)")
-    position_m: Vec3 = Field(description="foot of the mast, x east, y north, z up from where `height_from` says [m]")
+    position_m: Vec3 = Field(
+        default=(0.0, 0.0, 0.0),
+        description="foot of the mast, x east, y north, z up from where `height_from` says; with `lat_lon`, from that "
+        "place; one of both is needed [m]",
+    )
     height_from: Literal["world", "roof"] = Field(
         default="world",
         description="what z of `position_m` counts from: the world's zero, or the highest roof at (x, y) (token)",

@@ -12,6 +12,7 @@ from mmw.core.frame_rate import base_frames
 from mmw.core.hashing import sha256
 from mmw.core.transforms import pose_from_mount
 from mmw.physics.weather.weather import PRESETS, choose_variant
+from mmw.scene.geographic_places import place_units
 from mmw.scene.reader import read_stage
 from mmw.scene.roof_places import station_poses
 from mmw.scene.rsu_places import draw_rsu_poses
@@ -90,6 +91,7 @@ def prepare_scenario(
     """
     inputs = dict(inputs or {})
     source = scenario_source(scenario, base)
+    scenario = place_units(scenario, source)
     rsus = [(rsu.name, pose_from_mount(rsu.position_m, rsu.yaw_deg)) for rsu in scenario.rsus]
     note = root / STAGES / f"{scenario.name}.json"
     if scenario.stage is not None:

@@ -37,7 +37,7 @@ def replay_table(demand: TrafficDemand) -> TrafficResult:
     traffic, frame_count = demand.traffic, demand.frame_count
     path = demand.base / (traffic.trajectories or "")
     try:
-        recording = read_trajectories(path)
+        recording = read_trajectories(path, demand.town.georeference)
         ranked = _rank(recording.vehicles, traffic.spawn_center_m, frame_count)
         cavs = _choose_cavs(ranked, traffic.cav_ids, traffic.cav_ranks)
         for cav in cavs:

@@ -13,6 +13,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from mmw.core.errors import InputError
+from mmw.core.georeference import Georeference, locate
 from mmw.traffic.replay.object_classes import vehicle_class
 from mmw.traffic.replay.xml_tables import open_packed, read_xml_table
 
@@ -26,6 +27,8 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     "x": ("x", "vehicle_x", "position_x", "center_x"),
     "y": ("y", "vehicle_y", "position_y", "center_y"),
     "z": ("z", "vehicle_z"),
+    "latitude": ("latitude", "lat", "latitude_deg"),
+    "longitude": ("longitude", "lon", "longitude_deg"),
     "heading": ("heading", "yaw", "psi_rad"),
     "heading_deg": ("heading_deg", "yaw_deg"),
     "angle": ("vehicle_angle",),
@@ -47,6 +50,8 @@ EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
 milliseconds it is 1973. nuScenes has microseconds."""
 
 NEEDED = ("t", "id", "x", "y")
+GEOGRAPHIC = ("t", "id", "latitude", "longitude")
+"""Columns that are needed instead where a table has neither x nor y."""
 
 
 @dataclass(frozen=True)
@@ -82,12 +87,13 @@ class Recording:
     """Omissions, one line each."""
 
 
-def read_trajectories(path: Path) -> Recording:
+def read_trajectories(path: Path, georeference: Georeference | None = None) -> Recording:
     """Return the vehicles of a file; people, cyclists and all else without a vehicle model are left out.
 
     Args:
         path: `.parquet`, `.csv` (comma or semicolon), or `.xml`: what SUMO's option `--fcd-output` writes, or a
             CommonRoad scenario; `.csv` and `.xml` may be compressed (`.gz`).
+        georeference: Place of the town, for tables with latitude and longitude instead of x and y.
 
     Raises:
         InputError: If the file cannot be read, lacks a column, or holds a value that cannot be used.
@@ -108,7 +114,7 @@ def read_trajectories(path: Path) -> Recording:
     except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError, ElementTree.ParseError) as error:
         raise InputError(f"{path}: cannot be read ({str(error).splitlines()[0]}); give an intact file") from None
     vehicles, left_out = [], Counter()
-    for each in _split(_columns(table, path), path):
+    for each in _split(_columns(table, path, georeference), path):
         name = vehicle_class(each.type)
         if name is None:
             left_out[each.type] += 1
@@ -131,17 +137,19 @@ def _read_csv(path: Path) -> pa.Table:
     )
 
 
-def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
+def _columns(table: pa.Table, path: Path, georeference: Georeference | None) -> dict[str, np.ndarray]:
     """Return the columns by our names: numbers as float64, texts as objects; those that are not there are left out."""
     names = {name.strip().lower(): name for name in table.column_names}
     if len(names) < len(table.column_names):
         (twice, _), *_ = Counter(name.strip().lower() for name in table.column_names).most_common(1)
         raise InputError(f"{path}: column {twice[:40]} is there twice; names of columns must differ; remove one")
     found = {key: next((names[a] for a in aliases if a in names), None) for key, aliases in ALIASES.items()}
-    missing = [key for key in NEEDED if found[key] is None]
+    needed = NEEDED if found["x"] or found["y"] or not found["latitude"] else GEOGRAPHIC
+    missing = [key for key in needed if found[key] is None]
     if missing:
         raise InputError(
-            f"{path}: no column {', '.join(ALIASES[missing[0]])}; one each for t, id, x and y is needed; the file has "
+            f"{path}: no column {', '.join(ALIASES[missing[0]])}; one each for t, id, x and y (or latitude "
+            "and longitude) is needed; the file has "
             f"{', '.join(table.column_names) or 'none'}"
         )
     if not table.num_rows:
@@ -160,7 +168,7 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
             reason = " ".join(str(error).split())[:100]
             raise InputError(f"{path}: column {name}: {reason}; numbers are needed; correct them") from None
         bad = np.flatnonzero(~np.isfinite(values))
-        if len(bad) and key in NEEDED:
+        if len(bad) and key in needed:
             raise InputError(f"{path}: column {name}: row {bad[0] + 1} holds no number; a value is needed; remove it")
         if len(bad) < len(values):
             out[key] = values
@@ -168,6 +176,11 @@ def _columns(table: pa.Table, path: Path) -> dict[str, np.ndarray]:
         out["heading"] = np.pi / 2 - np.radians(out["angle"])
     elif "heading_deg" in out:
         out["heading"] = np.radians(out["heading_deg"])
+    if needed is GEOGRAPHIC:
+        degrees = np.column_stack([out["latitude"], out["longitude"]])
+        out["x"], out["y"] = locate(georeference, degrees, str(path)).T
+        if georeference is not None and "heading" in out:
+            out["heading"] = out["heading"] + georeference.heading  # from true east to the world's x axis
     if found["x"] == names.get("vehicle_x") and "reference" not in out:
         out["reference"] = np.full(len(out["t"]), "front_bumper", dtype=object)
     return out

@@ -7,10 +7,12 @@ import numpy as np
 from pxr import Usd
 
 from mmw.core.errors import InputError
+from mmw.core.georeference import Georeference
 from mmw.core.mesh import TriangleMesh, merge
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import read_lanes
 from mmw.traffic.roads.sidewalk_prims import Sidewalk, read_sidewalks
+from mmw.usd.georeference import read_georeference
 from mmw.usd.meshes import MeshReader, place, semantic_label, to_metres
 from mmw.usd.open_stage import open_stage, reads_usd
 
@@ -30,6 +32,8 @@ class Town:
     faces: np.ndarray
     """Its triangles, shape [M, 3], int32."""
     sidewalks: tuple[Sidewalk, ...] = ()
+    georeference: Georeference | None = None
+    """Place on the earth; None if the asset says nothing."""
 
 
 @reads_usd
@@ -55,4 +59,4 @@ def open_town(path: str | Path) -> Town:
             f"{path}: no mesh has the class {' or '.join(DRIVABLE_LABELS)}; vehicles need a road to stand on; label it"
         )
     sidewalks = tuple(read_sidewalks(stage, str(root.GetPath().AppendChild("Walks"))))
-    return Town(path, lanes, road.points, road.faces, sidewalks)
+    return Town(path, lanes, road.points, road.faces, sidewalks, read_georeference(stage))

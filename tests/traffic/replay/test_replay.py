@@ -12,6 +12,7 @@ import pytest
 
 from mmw.cli.run import main
 from mmw.config import TrafficConfig
+from mmw.core.georeference import Georeference
 from mmw.core.transforms import quaternion_to_ypr
 from mmw.dataset import open_dataset
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
@@ -230,6 +231,20 @@ def test_formats_agree(tmp_path: Path):
         assert a.height is None
 
 
+def test_tables_with_latitude_and_longitude(tmp_path: Path):
+    place = Georeference(48.1, 11.6, heading=0.02, scale=0.9996)
+    xy = np.array([[100.0, -50.0], [108.0, -50.0]])
+    rows = "".join(f"{k},a,{lat!r},{lon!r},30\n" for k, (lat, lon) in enumerate(place.degrees(xy).tolist()))
+    (tmp_path / "t.csv").write_text(f"t,id,lat,lon,heading_deg\n{rows}")
+    (found,) = read_trajectories(tmp_path / "t.csv", place).vehicles
+    np.testing.assert_allclose(found.points, xy, atol=1e-6)
+    np.testing.assert_allclose(found.heading, np.radians(30) + 0.02)  # 30 deg from true east
+    with pytest.raises(ValueError, match="need a town with a geographic origin; give x and y"):
+        read_trajectories(tmp_path / "t.csv")
+    with pytest.raises(ValueError, match=r"is far from the town at .*latitude comes first"):
+        read_trajectories(tmp_path / "t.csv", Georeference(11.6, 48.1))
+
+
 def test_bad_tables_are_refused(tmp_path: Path):
     def refused(text: str, match: str, name: str = "t.csv") -> None:
         (tmp_path / name).write_text(text)
@@ -239,6 +254,7 @@ def test_bad_tables_are_refused(tmp_path: Path):
     refused(
         "t,id,x\n0,a,1\n", r"t.csv: no column y, vehicle_y, position_y, center_y; one each .* the file has t, id, x"
     )
+    refused("t,id,lat\n0,a,1\n", r"t.csv: no column longitude, lon, longitude_deg; one each .* has t, id, lat")
     refused("t,id,x,y\n", r"holds no row")
     refused("t,id,x,X,y\n0,a,1,1,2\n", r"column x is there twice; names of columns must differ; remove one")
     refused("t,id,x,y\n0,a,1,2\n1,a,,2\n", r"column x: row 2 holds no number")
