@@ -8,7 +8,10 @@ from pathlib import Path
 
 from mmw.cli.command import run_command
 from mmw.core.errors import InputError
-from mmw.worlds.importers.formats import IMPORTERS, UNITS, read_scene
+from mmw.core.registry import load_reference
+from mmw.worlds.importers.blocks.mixes import MIXES, load_mix
+from mmw.worlds.importers.formats import IMPORTERS, UNITS, find_importer, read_scene
+from mmw.worlds.importers.geo.placing import place_scene
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.material_map import apply_material_map, load_material_map
 from mmw.worlds.importers.mesh_cleanup import bounds, check_scene, identifier
@@ -27,7 +30,10 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
         "used, 1 failure while running.",
     )
     parser.add_argument("file", type=Path, nargs="?", help="file to import; --list prints the formats")
-    parser.add_argument("values", nargs="*", metavar="name=value", help="options of the importer; --list prints them")
+    parser.add_argument(
+        "values", nargs="*", metavar="file or name=value",
+        help="an .osm file that is merged around the roads of an .xodr file; options of the importer",
+    )  # fmt: skip
     parser.add_argument("--out", type=Path, help="folder for the asset, or its .usda file; needed")
     parser.add_argument("--importer", default="", metavar="NAME", help="importer; chosen by the suffix by default")
     parser.add_argument("--list", action="store_true", help="print the importers, their suffixes and their options")
@@ -39,6 +45,18 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
     parser.add_argument(
         "--origin", type=float, nargs=3, metavar=("X", "Y", "Z"),
         help="point of the scene, z up, in meters, that becomes the origin",
+    )  # fmt: skip
+    parser.add_argument(
+        "--terrain", default="", metavar="RASTER", help="heights that the ground follows, a GeoTIFF (.osm, extra geo)"
+    )
+    parser.add_argument(
+        "--buildings", default="", metavar="MIX",
+        help=f"fill the land along the roads with sidewalks, buildings and trees: {', '.join(MIXES)} or a YAML file",
+    )  # fmt: skip
+    parser.add_argument("--seed", type=int, help="seed of --buildings; 1 by default")
+    parser.add_argument(
+        "--geo-origin", type=float, nargs=2, metavar=("LATITUDE", "LONGITUDE"),
+        help="place of (0, 0) on the earth, x east and y north there; that of the file by default",
     )  # fmt: skip
     parser.add_argument("--strict", action="store_true", help="refuse faults of the file that would be mended (.xodr)")
     parser.add_argument(
@@ -76,23 +94,51 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     source = arguments.file
     if source is None or arguments.out is None:
         raise InputError("import: FILE and --out are needed; give both, or --list")
-    pairs = [text.partition("=") for text in arguments.values]
+    sources = _sources([source, *(Path(text) for text in arguments.values if "=" not in text)])
+    source = sources[0]
+    pairs = [text.partition("=") for text in arguments.values if "=" in text]
     if wrong := [name for name, equals, value in pairs if not equals or not value]:
         raise InputError(f"import: {wrong[0]!r}: name=value is needed; write OPTION=VALUE")
     if arguments.origin and not all(map(math.isfinite, arguments.origin)):
         raise InputError(
             f"import: --origin {' '.join(map(str, arguments.origin))}: finite numbers are needed; give three"
         )
+    if arguments.seed is not None and not (arguments.buildings and arguments.seed >= 0):
+        raise InputError(f"import: --seed {arguments.seed}: goes with --buildings and is 0 or more; correct it")
+    mix = load_mix(arguments.buildings, arguments.seed) if arguments.buildings else None
     name = identifier(source.name.split(".")[0])
-    if source.resolve() in asset_files(arguments.out, name):
+    if {path.resolve() for path in sources} & set(asset_files(arguments.out, name)):
         raise InputError(f"{source}: --out would replace the file that is imported; give another --out")
     entries = load_material_map(arguments.materials) if arguments.materials else {}
-    options = {option: getattr(arguments, option) for option in ("up", "unit", "origin", "strict", "bbox", "traffic")}
+    names = ("up", "unit", "origin", "strict", "terrain", "bbox", "traffic")
+    options = {option: getattr(arguments, option) for option in names}
     scene = read_scene(source, arguments.importer, **options, **{option: value for option, _, value in pairs})
     check_scene(str(source), scene)
+    scene = place_scene(scene, arguments.geo_origin)
+    for extract in sources[1:]:
+        scene = load_reference("mmw.worlds.importers.geo.merge:merge_extract")(scene, extract)
     scene = apply_material_map(str(source), scene, entries)
+    if mix is not None:
+        scene = load_reference("mmw.worlds.importers.blocks.fill_blocks:fill_blocks")(str(source), scene, mix)
     path = write_scene(scene, arguments.out, name, overwrite=arguments.overwrite)
     return [*describe(scene), *next_step(scene, path)]
+
+
+def _sources(paths: list[Path]) -> list[Path]:
+    """Return the files to import, roads before what is merged around them.
+
+    Raises:
+        InputError: If several files are not one OpenDRIVE file and OpenStreetMap extracts.
+    """
+    if len(paths) == 1:
+        return paths
+    kinds = {path: find_importer(path) for path in paths}
+    if [*kinds.values()].count("opendrive") != 1 or set(kinds.values()) != {"opendrive", "openstreetmap"}:
+        raise InputError(
+            f"import: {', '.join(path.name for path in paths)}: of several files one is OpenDRIVE (.xodr), the "
+            "others are OpenStreetMap (.osm); import others one by one"
+        )
+    return sorted(kinds, key=lambda path: kinds[path] != "opendrive")
 
 
 def describe(scene: ImportedScene) -> list[str]:

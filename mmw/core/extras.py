@@ -19,6 +19,7 @@ EXTRA_OF = {
     "rerun": "viz", "rerun_notebook": "viz",
     "libsumo": "sumo",
     "osmium": "osm",
+    "rasterio": "geo",
     "gymnasium": "gym", "pettingzoo": "gym",
     "ray": "ray",
     "mcap": "mcap", "mcap_ros2": "mcap",

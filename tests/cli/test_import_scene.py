@@ -27,6 +27,7 @@ from mmw.worlds.importers.write_asset import asset_files, write_scene
 from mmw.worlds.towns.mesh_part import MeshPart
 from tests.fixtures.import_files import HIGH, HOUSE, LOW, write_glb, write_mitsuba, write_obj
 from tests.fixtures.scenes import quad_part
+from tests.fixtures.xodr_files import t_town
 
 MAP = '"tarmac": {material: asphalt, label: road}\n"red*": {radio: itu_brick, thickness: 0.2, label: building}\n'
 
@@ -255,3 +256,20 @@ def test_what_cannot_be_imported_is_exit_code_2(
     assert text.startswith("mmw: ")
     assert any(wanted in text for wanted in part.split("|"))
     assert not (tmp_path / "out").exists()
+
+
+def test_buildings_along_the_roads_of_a_file(tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    (tmp_path / "town.xodr").write_text(t_town())
+    command = [str(tmp_path / "town.xodr"), "--out", str(tmp_path / "town")]
+    assert main([*command, "--buildings", "suburb", "--seed", "4"], "mmw import") == 0
+    assert "made for --buildings, seed 4: " in capsys.readouterr().out
+    stage = Usd.Stage.Open(str(tmp_path / "town" / "town.usda"))
+    assert validate_stage(stage) == []
+    assert len(stage.GetPrimAtPath("/Town/Buildings").GetChildren()) > 10
+    for more, message in {
+        ("--seed", "3"): "goes with --buildings",
+        ("--buildings", "hamlet"): "is no mix; give city, suburb or a YAML file",
+        ("--terrain", "x.tif"): "--terrain: no option of .xodr files",
+    }.items():
+        assert main([*command, "--overwrite", *more], "mmw import") == 2
+        assert message in capsys.readouterr().err

@@ -41,7 +41,7 @@ _PLACED = {
     "unit": f"unit of the file: {', '.join(UNITS)}",
     "origin": "point of the scene, z up, in meters, that becomes the origin",
 }
-FLAGS = (*_PLACED, "strict", "bbox", "traffic")
+FLAGS = (*_PLACED, "strict", "terrain", "bbox", "traffic")
 """Options that are flags of `mmw import`."""
 MITSUBA = Importer(
     (".xml",), "mmw.worlds.importers.mitsuba.read_mitsuba:read_mitsuba", "Mitsuba and Sionna RT scenes", _PLACED,
@@ -72,6 +72,7 @@ OPENSTREETMAP = Importer(
     (".osm", ".osm.xml", ".osm.bz2", ".osm.gz", ".osm.pbf"), "mmw.worlds.importers.osm.read_osm:read_osm",
     "OpenStreetMap: buildings, streets, trees (needs the extra author, .osm.pbf and --traffic also osm)",
     {
+        "terrain": "raster of heights, such as a GeoTIFF, that the ground follows (extra geo)",
         "bbox": "degrees where the extract is cut, west,south,east,north",
         "traffic": "give roads lanes, traffic lights and sidewalks",
         "driving_side": "left or right; told from the map and its place by default",

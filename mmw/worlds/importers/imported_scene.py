@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, field
 
+from mmw.core.georeference import Georeference
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.usd.material_library import LIBRARY
+from mmw.worlds.importers.geo.projection import Projection
 from mmw.worlds.towns.mesh_part import MeshPart
 
 
@@ -62,3 +64,7 @@ class ImportedScene:
     """Paths that the source itself declares as components; others follow from the hierarchy."""
     notice: str = ""
     """Text that has to be named with data of this source, such as its license; empty if that is not known."""
+    projection: Projection | None = None
+    """Map projection of the source, if it has one."""
+    georeference: Georeference | None = None
+    """Place on the earth; `mmw.worlds.importers.geo.placing` finds it by the projection."""

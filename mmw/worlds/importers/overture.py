@@ -14,6 +14,7 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.core.geodesy import world_from_wgs84
+from mmw.core.georeference import Georeference
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.osm.buildings import find_bodies
 from mmw.worlds.importers.osm.feature import Extract, Feature, polygonal
@@ -91,7 +92,9 @@ def _build(extract: Extract) -> ImportedScene:
     notes = [f"origin: latitude {latitude:.6f}, longitude {longitude:.6f} deg", *notes, *apart, *more]
     if palette.unknown:
         notes.append(f"materials and colors not understood: {', '.join(sorted(palette.unknown))}")
-    return ImportedScene([*build_ground(plan), *parts], palette.foreign, None, tuple(notes), notice=NOTICE)
+    parts = [*build_ground(plan), *parts]
+    place = Georeference(latitude, longitude)
+    return ImportedScene(parts, palette.foreign, None, tuple(notes), georeference=place, notice=NOTICE)
 
 
 def _rows(path: Path, key: str) -> list[tuple[str, dict[str, str], Any]]:

@@ -15,6 +15,7 @@ from pxr import Kind, Usd, UsdGeom, UsdShade
 from mmw.physics.materials.material import RadioMaterial
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.roads.lane_prims import has_lanes, read_lanes
+from mmw.usd.georeference import read_georeference
 from mmw.usd.materials import NONVISUAL, MaterialUse, read_material, resolve_material, unknown_row
 from mmw.usd.meshes import FoundMesh, MeshReader, bound_materials, place, to_metres
 from mmw.usd.notices import read_notices
@@ -51,7 +52,12 @@ def read_usd(path: str | Path, *, unit_m: float = 0.0, origin: Sequence[float] =
     lanes = _lanes(stage, stretch, np.asarray(origin, float))
     notes = (*_notes(stage), *reader.notes(), *reader.parts.notes())
     notice = "; ".join(read_notices(stage))
-    return ImportedScene(reader.parts.parts, reader.materials, lanes, notes, frozenset(reader.components), notice)
+    reference = read_georeference(stage)
+    if reference is not None:
+        latitude, longitude = reference.degrees([origin[:2]])[0].tolist()
+        reference = replace(reference, latitude=latitude, longitude=longitude)
+    components = frozenset(reader.components)
+    return ImportedScene(reader.parts.parts, reader.materials, lanes, notes, components, notice, georeference=reference)
 
 
 @dataclass

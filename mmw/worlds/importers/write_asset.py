@@ -14,6 +14,7 @@ from mmw.core.errors import InputError
 from mmw.traffic.roads.lane_prims import write_lanes
 from mmw.usd import schema
 from mmw.usd.atomic_layers import save_layers
+from mmw.usd.georeference import write_georeference
 from mmw.usd.material_library import LIBRARY, LIBRARY_FILE, MaterialSpec
 from mmw.usd.material_library import ROOT as LIBRARY_ROOT
 from mmw.usd.notices import write_notice
@@ -197,6 +198,7 @@ def _interface(scene: ImportedScene, payload: str, materials: str, library: Sequ
     wet = [material for material in GROUND_MATERIALS if material in library]
     layer = interface_layer(name, scene.parts, payload, SHIPPED_WEATHER, wet)
     write_notice(layer, scene.notice)
+    write_georeference(layer, scene.georeference)
     for material in library:
         spec = new_prim(layer, ROOT.AppendPath(f"Materials/{material}"), "Material")
         spec.referenceList.Prepend(Sdf.Reference(f"./{materials}", f"{LIBRARY_ROOT}/{material}"))

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
+from mmw.worlds.importers.geo.projection import read_projection
 from mmw.worlds.importers.imported_scene import ImportedScene, library_material
 from mmw.worlds.importers.mesh_cleanup import MAX_SIZE_M, free_name, identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
@@ -81,7 +82,8 @@ def read_opendrive(path: str | Path, *, strict: bool = False) -> ImportedScene:
     foreign = {YELLOW: PAINT} if any(part.material == YELLOW for part in parts) else {}
     if inside:
         notes.append(f"road marks in {len(inside)} junctions left out: the roads there overlap")
-    return ImportedScene(parts, foreign, graph, (*document.repairs, *notes))
+    projection = read_projection(path, origin)
+    return ImportedScene(parts, foreign, graph, (*document.repairs, *notes), projection=projection)
 
 
 def _shapes(document: Document, origin: np.ndarray) -> dict[str, RoadShape]:

@@ -91,10 +91,10 @@ def plan_ground(
             line = shapely.LineString(way.xy)
             if shapely.intersection(line, driven).length > COVERED * line.length:
                 continue
-        for kind, area in _strips(way):
+        for kind, area in strips(way):
             found[kind].append(area)
     for feature in (*extract.ways, *extract.relations):
-        kind = _area_kind(feature.tags)
+        kind = area_kind(feature.tags)
         if feature.area is not None and kind:
             found[kind].append(feature.area)
     if not buildings and all(area.is_empty for kind in ("road", "walk") for area in found[kind]) and not lanes:
@@ -115,8 +115,8 @@ def _union(areas: list[shapely.Geometry]) -> shapely.MultiPolygon:
     return shapely.MultiPolygon(polygons_of(shapely.union_all(areas, grid_size=GRID), 0.0))
 
 
-def _strips(way: Feature) -> list[tuple[str, shapely.Geometry]]:
-    """Areas that a highway covers."""
+def strips(way: Feature) -> list[tuple[str, shapely.Geometry]]:
+    """Return the areas that a highway covers, each with its kind of ground: `road` or `walk`."""
     kind = way.tags.get("highway", "")
     if len(way.xy) < 2 or way.tags.get("area") == "yes" or (kind not in WIDTH and kind not in WALK):
         return []
@@ -138,7 +138,8 @@ def _strips(way: Feature) -> list[tuple[str, shapely.Geometry]]:
     return built
 
 
-def _area_kind(tags: dict[str, str]) -> str:
+def area_kind(tags: dict[str, str]) -> str:
+    """Return the kind of ground that an area with tags is: `road`, `walk`, `water`, or empty."""
     if tags.get("natural") == "water" or tags.get("waterway") == "riverbank":
         return "water"
     if tags.get("amenity") == "parking" and tags.get("parking", "surface") == "surface":

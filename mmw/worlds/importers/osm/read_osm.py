@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mmw.core.georeference import Georeference
 from mmw.physics.materials.material import RadioMaterial
+from mmw.worlds.importers.geo.drape import drape
 from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.osm.bounds import read_bbox
 from mmw.worlds.importers.osm.building_overlaps import HEADROOM
@@ -16,6 +18,7 @@ from mmw.worlds.importers.osm.ground import build_ground, plan_ground
 from mmw.worlds.importers.osm.materials import Palette
 from mmw.worlds.importers.osm.quarter import build_quarter
 from mmw.worlds.importers.osm.signals import build_signals
+from mmw.worlds.importers.osm.terrain import relief_of
 from mmw.worlds.importers.osm.traffic import build_roads
 from mmw.worlds.importers.osm.xml import read_extract
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -49,6 +52,7 @@ def read_osm(
     traffic: bool = False,
     driving_side: str = "",
     windows: str = "",
+    terrain: str = "",
 ) -> ImportedScene:
     """Read an OpenStreetMap extract.
 
@@ -59,6 +63,7 @@ def read_osm(
         traffic: Whether roads get lanes, by SUMO's netconvert.
         driving_side: `left` or `right`; empty to tell it from the extract and its place.
         windows: `single`, `bands` or `none`; empty for single ones unless there are very many.
+        terrain: Raster of heights that the ground follows; empty for level ground.
 
     Returns:
         Buildings as closed solids that reach 0.5 m into the ground, the ground at z = 0, trees, and lanes where
@@ -72,13 +77,14 @@ def read_osm(
     extract = read_extract(Path(path), origin, read_bbox(bbox) if bbox else None)
     palette = Palette()
     bodies, notes = find_bodies(extract, palette)
+    relief = relief_of(extract, Path(terrain)) if terrain else None
     roads = build_roads(extract, driving_side) if traffic else None
     paved = roads.areas["paved"] if roads else None
     free = None if paved is None else paved.buffer(CLEAR, quad_segs=2)
-    bodies, parts, apart = build_quarter(bodies, free, windows)
+    bodies, parts, apart = build_quarter(bodies, free, windows, relief.height if relief is not None else None)
     plan, more = plan_ground(extract, [body.plan for body in bodies], roads.areas if roads else None)
     ground = build_ground(plan)
-    trees = _trees(extract, bodies, paved)
+    trees = place_trees(extract, bodies, paved)
     lights: list[MeshPart] = []
     if roads:
         plans = [body.plan for body in bodies if body.bottom < HEADROOM]
@@ -97,11 +103,13 @@ def read_osm(
         notes.append(f"materials and colors not understood: {', '.join(sorted(palette.unknown))}")
     every = [*ground, *parts, *trees, *lights]
     foreign = {WATER.name: WATER} if any(part.material == WATER.name for part in every) else {}
-    lanes = roads.lanes if roads else None
-    return ImportedScene(every, {**palette.foreign, **foreign}, lanes, tuple(notes), notice=NOTICE)
+    lanes, place = roads.lanes if roads else None, Georeference(*extract.origin)
+    materials = {**palette.foreign, **foreign}
+    scene = ImportedScene(every, materials, lanes, tuple(notes), georeference=place, notice=NOTICE)
+    return drape(scene, relief, "Buildings/") if relief is not None else scene
 
 
-def _trees(extract: Extract, bodies: list[Body], paved: shapely.Geometry | None) -> list[MeshPart]:
+def place_trees(extract: Extract, bodies: list[Body], paved: shapely.Geometry | None) -> list[MeshPart]:
     """Return single trees and rows of trees, none of them inside a building or on the carriageway."""
     places = [point.xy[0] for point in extract.points if point.tags.get("natural") == "tree"]
     for way in extract.ways:

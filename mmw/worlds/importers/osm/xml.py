@@ -2,7 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,17 +14,22 @@ from mmw.worlds.importers.osm.bounds import cut, default_frame, outline, read_bo
 from mmw.worlds.importers.osm.feature import Extract, Feature, polygonal
 from mmw.worlds.importers.osm.file import read_elements
 
+Placing = Callable[[np.ndarray], np.ndarray]
 MAX_EXTENT = 20e3
 """Largest extent of an extract [m]: farther out a plane map is wrong by more than a few centimeters."""
 
 
-def read_extract(path: Path, origin: tuple[float, float] | None, bbox: np.ndarray | None = None) -> Extract:
+def read_extract(
+    path: Path, origin: tuple[float, float] | None, bbox: np.ndarray | None = None, place: Placing | None = None
+) -> Extract:
     """Read an extract.
 
     Args:
         path: The file.
         origin: Latitude and longitude of (0, 0) [deg]; the middle of the extract's `bounds` if None, or of its nodes.
         bbox: South, west, north and east [deg], shape [4], that count instead of the `bounds`.
+        place: Map of latitudes and longitudes [deg] to the world [m], shape [N, 2] each; None for the tangent plane at
+            the origin.
 
     Raises:
         InputError: If it is no OSM file, a node has no position on the earth, or the extract is too large.
@@ -45,10 +50,11 @@ def read_extract(path: Path, origin: tuple[float, float] | None, bbox: np.ndarra
         )
     reference = (*origin, 0.0)
 
-    def place(degrees: np.ndarray) -> np.ndarray:
+    def tangent_plane(degrees: np.ndarray) -> np.ndarray:
         # in the tangent plane, a distance d on the ellipsoid is R sin(d / R): less than 1 mm shorter within 5 km
         return world_from_wgs84(np.pad(degrees, ((0, 0), (0, 1))), reference)[:, :2]
 
+    place = place or tangent_plane
     xy = place(position)
     extract = Extract(path, origin, root=root)
     extract.places = places = {node.get("id", ""): xy[k] for k, node in enumerate(nodes)}

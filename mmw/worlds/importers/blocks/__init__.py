@@ -1,0 +1,1 @@
+"""Build sidewalks, buildings and furniture along imported roads."""

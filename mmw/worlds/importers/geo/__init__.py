@@ -1,0 +1,1 @@
+"""Place imported maps on the earth, merge them, and lay them over height rasters."""
