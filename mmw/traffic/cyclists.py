@@ -14,10 +14,11 @@ from mmw.core.transforms import compose, make_pose
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.followed_line import FollowedLine, follow_lines, nearest_places, smooth_line, start_places
 from mmw.traffic.ground_height import Ground
+from mmw.traffic.model_choice import draw_paint
 from mmw.traffic.roads.sidewalk_prims import Sidewalk
 from mmw.traffic.route import PATH_STEP
 from mmw.traffic.smoothing import gaussian_smooth
-from mmw.traffic.spawn import draw_paint, seeded
+from mmw.traffic.spawn import seeded
 from mmw.usd.vehicle_catalog import load_cyclists
 
 CYCLING_SPEED = (4.2, 7.2)

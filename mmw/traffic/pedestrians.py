@@ -11,7 +11,8 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.followed_line import follow_lines, nearest_places, smooth_line, start_places
-from mmw.traffic.spawn import draw_paint, seeded
+from mmw.traffic.model_choice import draw_paint
+from mmw.traffic.spawn import seeded
 from mmw.usd.vehicle_catalog import ActorModel, load_figures
 
 WALKING_SPEED = (0.9, 1.6)

@@ -40,19 +40,25 @@ def endless_lanes(graph: LaneGraph) -> frozenset[str]:
 
 
 def choose_lanes(
-    graph: LaneGraph, first: str, length: float, generator: np.random.Generator, is_open: Callable[[str], bool]
+    graph: LaneGraph,
+    first: str,
+    length: float,
+    generator: np.random.Generator,
+    is_open: Callable[[str], bool],
+    accepts: Callable[[Sequence[str]], bool] = bool,
 ) -> list[str]:
     """Return a random chain of lanes that covers a plan length [m] after the first, each successor as likely as others.
 
     Every successor draws a number and the lowest open one wins. So closing a lane changes only the chains that would
     have used it, and a longer chain begins like a shorter one. A lane without an open successor ends the chain.
+    `accepts` tells of a chain up to an open lane whether it may go on there; all may by default.
     """
     chain = [first]
     covered = 0.0
     while covered < length:
         successors = graph.lanes[chain[-1]].successors
         draws = zip(generator.random(len(successors)), successors, strict=True)
-        open_draws = [draw for draw in draws if is_open(draw[1])]
+        open_draws = [draw for draw in draws if is_open(draw[1]) and accepts([*chain, draw[1]])]
         if not open_draws:
             break
         chain.append(min(open_draws)[1])

@@ -1,14 +1,15 @@
 """Choose start positions, drivers, models, paints and connected vehicles: what all engines draw alike."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand
+from mmw.traffic.model_choice import draw_models, of_model
 from mmw.traffic.polyline import sample_polyline
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.vehicle_pose import Shape
@@ -27,22 +28,6 @@ START_GAP = 2.5
 
 SAME_PLACE = 2.6
 """Points of two lanes nearer than this are one place [m]."""
-
-CAV_MAX_HEIGHT = 2.2
-"""CAVs carry their LiDAR 2.5 m above the ground, so they are lower than this where such models exist [m]."""
-
-MODEL_WEIGHT: Mapping[str, float] = {
-    "sedan": 0.30,
-    "hatchback": 0.24,
-    "suv": 0.20,
-    "pickup": 0.10,
-    "van": 0.09,
-    "box_truck": 0.05,
-    "city_bus": 0.02,
-}
-"""Share of the models in traffic; a model that is not named here has `OTHER_WEIGHT`."""
-
-OTHER_WEIGHT = 0.1
 
 DRIVER_FACTOR = (0.85, 1.0)
 """Range of the drivers' share of the speed limit."""
@@ -234,10 +219,11 @@ def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> tuple[list[Sta
         cav_ranks = connected_ranks(traffic, demand.seed)
     else:
         points, cav_ranks = drawn_points(points, demand, demand.spawn.radius_m)
-    return [_make_start(demand, rank, point, cav_ranks) for rank, point in enumerate(points)], cav_ranks
+    return [make_start(demand, rank, point, cav_ranks) for rank, point in enumerate(points)], cav_ranks
 
 
-def _make_start(demand: TrafficDemand, rank: int, point: SpawnPoint, cav_ranks: tuple[int, ...]) -> Start:
+def make_start(demand: TrafficDemand, rank: int, point: SpawnPoint, cav_ranks: tuple[int, ...]) -> Start:
+    """Return a vehicle of a rank at a place, with its driver."""
     models = demand.traffic.cav_models
     generator = seeded(demand.seed, rank, 0)
     factor = generator.uniform(*DRIVER_FACTOR) * demand.drivers.speed
@@ -259,7 +245,12 @@ class Placed(Generic[Vehicle]):
     """Spawn points that were skipped, and vehicles for which no other was left."""
 
 
-def place_starts(demand: TrafficDemand, usable: frozenset[str], add: Callable[[Start], Vehicle]) -> Placed[Vehicle]:
+def place_starts(
+    demand: TrafficDemand,
+    usable: frozenset[str],
+    add: Callable[[Start], Vehicle],
+    suits_cav: Callable[[SpawnPoint], bool] | None = None,
+) -> Placed[Vehicle]:
     """Return the vehicles of a scenario; where none can start, the point is skipped and the next one taken.
 
     Points behind those of `draw_starts` are the other ones nearest to the spawn center. Once there are no more, the
@@ -269,6 +260,8 @@ def place_starts(demand: TrafficDemand, usable: frozenset[str], add: Callable[[S
         demand: The scenario.
         usable: Lanes to start on.
         add: Makes a vehicle, or raises `BlockedPointError`.
+        suits_cav: Whether a CAV can start at a point. CAVs take the nearest of such points, twice as many of which are
+            kept for them; None if all suit.
 
     Raises:
         InputError: If the town has too few places, no vehicle can start at any of them, or one that is left out is a
@@ -277,11 +270,17 @@ def place_starts(demand: TrafficDemand, usable: frozenset[str], add: Callable[[S
     starts, cav_ranks = draw_starts(demand, usable)
     vehicles: list[Vehicle] = []
     blocked: list[BlockedPointError] = []
-    for point in _all_points(demand, usable, [start.point for start in starts]):
-        if len(vehicles) == len(starts):
+    points = list(_all_points(demand, usable, [start.point for start in starts]))
+    kept = [] if suits_cav is None else [point for point in points if suits_cav(point)][: 2 * len(cav_ranks)]
+    free = [point for point in points if point not in kept]
+    while len(vehicles) < len(starts):
+        if kept and len(vehicles) > max(cav_ranks):
+            kept, free = [], [point for point in points if point in kept or point in free]
+        queue = kept if len(vehicles) in cav_ranks and suits_cav is not None else free
+        if not queue:
             break
         try:
-            vehicles.append(add(_make_start(demand, len(vehicles), point, cav_ranks)))
+            vehicles.append(add(make_start(demand, len(vehicles), queue.pop(0), cav_ranks)))
         except BlockedPointError as error:
             blocked.append(error)
     if blocked and not vehicles:
@@ -289,7 +288,7 @@ def place_starts(demand: TrafficDemand, usable: frozenset[str], add: Callable[[S
     if missing := [rank for rank in cav_ranks if rank >= len(vehicles)]:
         raise InputError(
             f"cav_ranks = {list(cav_ranks)}: vehicles can start at {len(vehicles)} spawn points only, so there is no "
-            f"rank {missing[0]}; give smaller ranks; blocked is {blocked[0].place}"
+            f"rank {missing[0]}; give smaller ranks{''.join(f'; blocked is {one.place}' for one in blocked[:1])}"
         )
     notes = []
     if blocked:
@@ -334,7 +333,7 @@ class Places:
         """
         point, reason = start.point, "no model has room between its neighbors"
         drawn = draw_models(shapes, start.is_cav, start.generator)
-        for shape in drawn if start.model is None else _of_model(drawn, start.model):
+        for shape in drawn if start.model is None else of_model(drawn, start.model):
             span = point.bumpers(shape)
             if not self._fits(point.lane, span):
                 continue
@@ -359,34 +358,3 @@ class Places:
             return False
         others = self.occupied.get(lane, [])
         return all(front + START_GAP <= low or high + START_GAP <= rear for low, high in others)
-
-
-def _of_model(shapes: Sequence[Shape], name: str) -> list[Shape]:
-    """Return the shape of a model.
-
-    Raises:
-        InputError: If there is no such model.
-    """
-    found = [shape for shape in shapes if shape.name == name]
-    if not found:
-        known = ", ".join(sorted(shape.name for shape in shapes))
-        raise InputError(f"traffic.cav_models: there is no model {name!r}; there are {known}; name one of them")
-    return found
-
-
-def draw_paint(model: Any, generator: np.random.Generator) -> str:
-    """Return one of the paints of a model."""
-    return model.paints[int(generator.integers(len(model.paints)))]
-
-
-def draw_models(shapes: Sequence[Shape], is_cav: bool, generator: np.random.Generator) -> list[Shape]:
-    """Return the models in the order in which a vehicle tries them, drawn by weight without replacement.
-
-    Vehicles that carry sensors try low models before high ones.
-    """
-    weight = np.array([MODEL_WEIGHT.get(shape.name, OTHER_WEIGHT) for shape in shapes])
-    order = np.argsort(-np.log(generator.random(len(shapes))) / weight, kind="stable")  # exponential races
-    drawn = [shapes[index] for index in order]
-    if is_cav:
-        drawn.sort(key=lambda shape: shape.height > CAV_MAX_HEIGHT)
-    return drawn

@@ -16,6 +16,7 @@ from mmw.traffic.idm.driver import (
 )
 from mmw.traffic.idm.junctions import ConflictTable, Passage, Request, Reservation, grant_requests
 from mmw.traffic.idm.lane_change import LaneChanges, Leader
+from mmw.traffic.idm.open_ends import Arrivals
 from mmw.traffic.idm.vehicle import ROOM, STOP_BRAKING, Car, OccupiedSpan, usable_length
 from mmw.traffic.idm.wait_causes import STANDING
 from mmw.traffic.roads.lane_graph import LaneGraph
@@ -41,6 +42,7 @@ class IdmEngine:
         changes: LaneChanges | None = None,
         plans: dict[str, SignalPlan] | None = None,
         start: float = 0.0,
+        arrivals: Arrivals | None = None,
     ) -> None:
         """Place the vehicles and give them a first speed from which all can stop in comfort.
 
@@ -50,12 +52,14 @@ class IdmEngine:
             changes: Decides about changes of lanes; None for no changes.
             plans: Traffic lights by junction; elsewhere priorities count.
             start: Time at the first step, on the clock of the traffic lights [s].
+            arrivals: Lets vehicles enter for those that leave; None if nobody enters.
         """
         self.graph = graph
         self.cars = cars
         self.changes = changes
         self.plans = plans or {}
         self.start = start
+        self.arrivals = arrivals
         self.table = ConflictTable(graph)
         self.reservations: list[Reservation] = []
         self.leaders: list[Leader] = []
@@ -70,11 +74,22 @@ class IdmEngine:
         for car in cars:
             car.place()
         self.spans = self._find_spans()
-        for index, car in enumerate(cars):
-            gap, _, _ = self._leader(index)
-            stop = max(0.0, car.stop_station() - car.front)
-            following = max(0.0, gap - STANDSTILL_GAP) / 2.0
-            car.speed = min(car.desired_speed(car.station), sqrt(2 * 1.2 * stop), following)
+        for index in range(len(cars)):
+            self._set_first_speed(index)
+
+    def _set_first_speed(self, index: int) -> None:
+        car = self.cars[index]
+        gap, _, _ = self._leader(index)
+        stop = max(0.0, car.stop_station() - car.front)
+        following = max(0.0, gap - STANDSTILL_GAP) / 2.0
+        car.speed = min(car.desired_speed(car.station), sqrt(2 * 1.2 * stop), following)
+
+    def add(self, car: Car) -> None:
+        """Let a vehicle enter, with a speed from which it can stop in comfort."""
+        car.entered_at = self.steps
+        car.place()
+        self.cars.append(car)
+        self._set_first_speed(len(self.cars) - 1)
 
     def step(self) -> None:
         """Advance all vehicles by `STEP` seconds."""
@@ -88,14 +103,21 @@ class IdmEngine:
             self.changes.decide(self)
         desired = [self._desire(index, leader) for index, leader in enumerate(leaders)]
         for index, (car, acceleration) in enumerate(zip(self.cars, desired, strict=True)):
+            if car.left_at is not None:
+                car.station += STEP * car.speed  # it drives on, unseen, so that its last motion can be smoothed
+                continue
             integrate(car, acceleration)
             car.stopped_time = car.stopped_time + STEP if car.speed < STANDING else 0.0
             car.place()
             gap, _, span = leaders[index]
             if span is not None and gap < QUEUE_GAP:
                 self.blockers.setdefault(index, []).append(span.vehicle)
+            if car.plan.leaves and car.front >= car.ends[-1]:
+                car.left_at = self.steps + 1
         self.time += STEP
         self.steps += 1
+        if self.arrivals is not None:
+            self.arrivals.admit(self)
 
     def _desire(self, index: int, leader: Leader) -> float:
         """Return the acceleration that the driver of a vehicle behind a leader desires [m/s^2]."""
@@ -104,6 +126,8 @@ class IdmEngine:
     def _find_spans(self) -> dict[str, list[OccupiedSpan]]:
         spans: dict[str, list[OccupiedSpan]] = {}
         for index, car in enumerate(self.cars):
+            if car.left_at is not None:
+                continue
             first, last = car.occupied
             for segment in range(first, last + 1):
                 begin = car.begins[segment]
@@ -118,6 +142,8 @@ class IdmEngine:
         leaves its lane before reaching it.
         """
         car = self.cars[index]
+        if car.left_at is not None:
+            return inf, 0.0, None
         front = car.front
         horizon = front + 15.0 + car.speed * (car.headway + 1.0) + car.speed**2 / BRAKING
         first, last = car.ahead

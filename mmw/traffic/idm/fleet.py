@@ -1,15 +1,17 @@
 """Give vehicles models, paints and routes that their bodies can drive, also after a change of lanes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.idm.lane_change import CLEAR_SHARE, AdjacentLanes, DesiredChange
+from mmw.traffic.idm.open_ends import OpenNetwork
 from mmw.traffic.idm.vehicle import Car, Change, Plan, find_passages
+from mmw.traffic.model_choice import draw_models, draw_paint
 from mmw.traffic.roads.lane_graph import Lane
-from mmw.traffic.route import choose_lanes, endless_lanes, join_lanes
-from mmw.traffic.spawn import RUN_OUT, Places, Start, draw_paint, seeded
+from mmw.traffic.route import Line, choose_lanes, join_lanes
+from mmw.traffic.spawn import RUN_OUT, BlockedPointError, Places, SpawnPoint, Start, make_start, seeded, spawn_points
 from mmw.traffic.speed_profile import speed_limit
 from mmw.traffic.vehicle_pose import MAX_STEER, Shape, Stance, Track, follow_line, place_on_ground
 
@@ -28,13 +30,30 @@ class Fleet:
         self.graph = graph = demand.town.lanes
         self.duration = duration
         self.fastest = max(lane.speed for lane in graph.lanes.values())
-        endless = endless_lanes(graph)
-        self.has_circuit = bool(endless)
-        self.endless = endless or frozenset(graph.lanes)
+        self.network = OpenNetwork(graph)
+        self.usable = self.network.usable
         self.places = Places(graph)
         self.adjacent = AdjacentLanes(graph)
         self.closed: set[tuple[str, str]] = set()
         """(model, lane) pairs that the model cannot drive without leaving the road."""
+        self.closed_to_cavs: set[tuple[str, str]] = set()
+        """The same for what does not last long enough for a CAV."""
+        self.stay = self._time_to_stay()
+
+    def _time_to_stay(self) -> float:
+        """Return how long the roads ahead of a CAV last, at the least [s].
+
+        That is the duration of the scenario; in a network in which too few places have such roads, it is the longest
+        time that twice as many places have as there are CAVs.
+        """
+        count = 2 * len(self.demand.traffic.cav_ranks)
+        points = spawn_points(self.graph, self.usable) if count and self.network.exits else []
+        times = sorted((self.network.time_left(point) for point in points), reverse=True)
+        return min(self.duration, times[min(count, len(times)) - 1]) if times else 0.0
+
+    def suits_cav(self, point: SpawnPoint) -> bool:
+        """Return whether the roads ahead of a place last long enough for a CAV."""
+        return self.network.time_left(point) >= self.stay
 
     def add(self, start: Start) -> Car:
         """Place a vehicle with a model, a paint and a route.
@@ -42,21 +61,46 @@ class Fleet:
         Raises:
             BlockedPointError: If no model has room, or none can drive from here without leaving the road.
         """
-        need = self.fastest * self.duration + RUN_OUT
+        shape, stance = self.places.add(start, self.demand.shapes, lambda shape: self._find_route(start, shape, 0.0))
+        return self._make_car(start, shape, stance)
 
-        def find_route(shape: Shape) -> tuple[Stance | None, str]:
-            def drive(lanes: list[Lane]) -> tuple[Stance | None, int, str]:
-                station = start.point.station + 0.5 * shape.wheelbase
-                return self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
+    def enter(self, rank: int, point: SpawnPoint, elapsed: float) -> Car:
+        """Return a vehicle that enters the network some time after the engine's start [s].
 
-            return self._search(shape, start.point.lane, need, (self.demand.seed, start.rank, 1), drive)
+        Raises:
+            BlockedPointError: If no model can drive from here without leaving the road.
+        """
+        start = make_start(self.demand, rank, point, ())
+        reason = ""
+        for shape in draw_models(self.demand.shapes, False, start.generator):
+            stance, reason = self._find_route(start, shape, elapsed)
+            if stance is not None:
+                return self._make_car(start, shape, stance)
+        raise BlockedPointError(point, reason, "widen the road there")
 
-        shape, stance = self.places.add(start, self.demand.shapes, find_route)
+    def _find_route(self, start: Start, shape: Shape, elapsed: float) -> tuple[Stance | None, str]:
+        need = self.fastest * max(0.0, self.duration - elapsed) + RUN_OUT
+
+        def drive(lanes: list[Lane]) -> tuple[Stance | None, int, str]:
+            station = start.point.station + 0.5 * shape.wheelbase
+            return self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
+
+        stay = self.stay + start.point.station / self.graph.lanes[start.point.lane].speed if start.is_cav else 0.0
+        return self._search(shape, start.point.lane, need, (self.demand.seed, start.rank, 1), drive, stay)
+
+    def _make_car(self, start: Start, shape: Shape, stance: Stance) -> Car:
         line = stance.track.line
         limit = speed_limit(stance, self.graph, start.factor).tolist()
-        plan = Plan(stance, limit, [0.0, *line.ends[:-1].tolist()], find_passages(line, self.graph, shape))
+        begins = [0.0, *line.ends[:-1].tolist()]
+        plan = Plan(
+            stance, limit, begins, find_passages(line, self.graph, shape), leaves=self._leaves(line, start.is_cav)
+        )
         paint = draw_paint(self.demand.catalog[shape.name], start.generator)
-        return Car(plan, start.point.station + 0.5 * shape.wheelbase, start.headway, start.factor, paint)
+        station = start.point.station + 0.5 * shape.wheelbase
+        return Car(plan, station, start.headway, start.factor, paint, is_cav=start.is_cav)
+
+    def _leaves(self, line: Line, is_cav: bool) -> bool:
+        return not is_cav and line.lanes[-1] in self.network.exits
 
     def change(self, rank: int, car: Car, desired: DesiredChange, elapsed: float) -> Plan | None:
         """Return the path of a vehicle that changes lanes and follows a new random route; None if there is none.
@@ -73,8 +117,12 @@ class Fleet:
             stance, culprit, why = self._drive(track, path, car.station, before, desired.row)
             return stance, culprit - car.segment - 1, why
 
-        need = self.fastest * max(0.0, self.duration - elapsed) + RUN_OUT
-        stance, _ = self._search(car.shape, desired.lane, need, (self.demand.seed, rank, 1, car.changes + 1), drive)
+        need, stay = self.fastest * max(0.0, self.duration - elapsed) + RUN_OUT, 0.0
+        if car.is_cav and self.stay:
+            place = desired.rear + car.shape.length
+            stay = max(0.0, self.stay - elapsed) + place / self.graph.lanes[desired.lane].speed
+        key = self.demand.seed, rank, 1, car.changes + 1
+        stance, _ = self._search(car.shape, desired.lane, need, key, drive, stay)
         if stance is None:
             return None
         line = stance.track.line
@@ -82,7 +130,8 @@ class Fleet:
         change = Change(car.segment, start + CLEAR_SHARE * desired.length, start + desired.length)
         slow = (start, start + desired.length, desired.speed)
         limit = speed_limit(stance, self.graph, car.factor, slow).tolist()
-        return Plan(stance, limit, begins, find_passages(line, self.graph, car.shape), change)
+        passages, leaves = find_passages(line, self.graph, car.shape), self._leaves(line, car.is_cav)
+        return Plan(stance, limit, begins, passages, change, leaves)
 
     def _search(
         self,
@@ -91,22 +140,30 @@ class Fleet:
         need: float,
         key: tuple[int, ...],
         drive: Callable[[list[Lane]], tuple[Stance | None, int, str]],
+        stay: float,
     ) -> tuple[Stance | None, str]:
         """Return a stance along a random route of a length [m] after a first lane, or None and what prevents one.
 
         A route is driven from end to end before it is accepted. The connection that fails is closed for the model.
+        A route may be shorter if it ends where vehicles leave the network; that of a CAV then lasts for the time `stay`
+        at the speed limits [s], which is 0 for others.
         `drive` returns a stance; or None, the index of the lane that fails (negative before `first`), and why.
         """
         why = "the lane leads nowhere"
 
         def is_open(name: str) -> bool:
-            return name in self.endless and (shape.name, name) not in self.closed
+            is_closed = (shape.name, name) in self.closed or (stay > 0.0 and (shape.name, name) in self.closed_to_cavs)
+            return name in self.usable and not is_closed
+
+        def lasts(names: Sequence[str]) -> bool:
+            return stay == 0.0 or self.network.crossing_time(names[:-1]) + self.network.time[names[-1]] >= stay
 
         while is_open(first):
-            names = choose_lanes(self.graph, first, need, seeded(*key), is_open)
+            names = choose_lanes(self.graph, first, need, seeded(*key), is_open, lasts)
             lanes = [self.graph.lanes[name] for name in names]
-            if sum(lane.plan_length for lane in lanes[1:]) < need and self.has_circuit:
-                self.closed.add((shape.name, names[-1]))
+            is_short = sum(lane.plan_length for lane in lanes[1:]) < need and self.network.ends_well
+            if is_short and not (names[-1] in self.network.exits and lasts(names)):
+                (self.closed_to_cavs if stay > 0.0 else self.closed).add((shape.name, names[-1]))
                 continue
             stance, culprit, why = drive(lanes)
             if stance is not None:

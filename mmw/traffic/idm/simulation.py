@@ -1,6 +1,6 @@
 """Run the IDM engine: from a demand to the 6-DoF poses of all its vehicles."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TypeVar
 
 import numpy as np
@@ -12,8 +12,9 @@ from mmw.traffic.idm.driver import STEP
 from mmw.traffic.idm.engine import IdmEngine
 from mmw.traffic.idm.fleet import Fleet
 from mmw.traffic.idm.lane_change import LaneChanges
+from mmw.traffic.idm.open_ends import Arrivals
 from mmw.traffic.idm.vehicle import Car
-from mmw.traffic.idm.wait_causes import find_causes
+from mmw.traffic.idm.wait_causes import STANDING, find_causes
 from mmw.traffic.signals import make_plans
 from mmw.traffic.smoothing import gaussian_smooth
 from mmw.traffic.spawn import SETTLE_S, Placed, name_vehicle, place_starts, vehicle_order
@@ -23,6 +24,15 @@ Engine = TypeVar("Engine", bound=IdmEngine)
 
 STATION_SIGMA = 0.12
 """Gaussian on the station over time, standard deviation [s]."""
+
+MIN_PRESENCE = 10
+"""A vehicle that is there in fewer frames at 100 Hz is left out; design value, a tenth of a second."""
+
+BEYOND = 0.5
+"""Poses are sampled up to this far from the ends of a line [m], which goes on beyond the road."""
+
+AT_END = 2.0
+"""A vehicle whose bumper is nearer to the end of its route has arrived [m]; design value."""
 
 
 def start_idm(demand: TrafficDemand) -> IdmEngine:
@@ -50,13 +60,21 @@ def start_fleet(demand: TrafficDemand, engine_type: Callable[..., Engine] = IdmE
         )
     before = SETTLE_S + traffic.warmup_s
     fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ)
-    placed = place_starts(demand, fleet.endless, fleet.add)
+    suits_cav = fleet.suits_cav if fleet.network.exits else None
+    placed = place_starts(demand, fleet.usable, fleet.add, suits_cav)
     changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
-    return engine_type(graph, placed.vehicles, changes, plans, -before), placed
+    arrivals = None
+    if fleet.network.exits:
+        arrivals = Arrivals(fleet.network, len(placed.vehicles), demand.seed, fleet.enter)
+    return engine_type(graph, placed.vehicles, changes, plans, -before, arrivals), placed
 
 
 def simulate_idm(demand: TrafficDemand) -> TrafficResult:
-    """Return the motion of all vehicles of a scenario, changes of lanes and routes; errors as of `start_fleet`."""
+    """Return the motion of all vehicles of a scenario, changes of lanes and routes; errors as of `start_fleet`.
+
+    Vehicles that enter or leave at open ends of the network are absent before or after; those that are in no frame are
+    left out.
+    """
     engine, placed = start_fleet(demand)
     cav_ranks = placed.cav_ranks
     lead = round(-engine.start / STEP)
@@ -64,21 +82,62 @@ def simulate_idm(demand: TrafficDemand) -> TrafficResult:
     station, speed, waits = record_steps(engine, steps)
     smooth = _resample(station, speed)
     per_step = round(STEP * FRAME_RATE_HZ)
-    frames = slice(lead * per_step, lead * per_step + demand.frame_count)
+    first = lead * per_step
     tracks, names = [], {}
-    for position, rank in enumerate(vehicle_order(cav_ranks, len(engine.cars))):
+    for rank in vehicle_order(cav_ranks, len(engine.cars)):
         car = engine.cars[rank]
-        names[rank], role = name_vehicle(position, len(cav_ranks))
-        poses = sample_poses(car.plan.stance, smooth[:, rank])[frames]
-        cause = np.repeat(waits[:, rank], per_step)[frames]
+        poses = _poses(car, smooth[:, rank], first, demand.frame_count, per_step)
+        if poses is None:
+            continue
+        names[rank], role = name_vehicle(len(tracks), len(cav_ranks))
+        cause = np.repeat(waits[:, rank], per_step)[first : first + demand.frame_count]
         tracks.append(VehicleTrack(names[rank], role, car.shape.name, car.paint, poses, cause))
     done = [] if engine.changes is None else engine.changes.done
     return TrafficResult(
         tracks,
-        [(time + engine.start, names[rank], lane, other) for time, rank, lane, other in done],
+        [(time + engine.start, names[rank], lane, other) for time, rank, lane, other in done if rank in names],
         {name: engine.cars[rank].line.lanes for rank, name in names.items()},
-        placed.notes,
+        [*placed.notes, *_end_notes(engine, names, speed[: lead + demand.frame_count // per_step])],
     )
+
+
+def _poses(car: Car, station: np.ndarray, first: int, count: int, per_step: int) -> np.ndarray | None:
+    """Return the poses of a vehicle in all frames, NaN where it is absent, shape [count, 7]; None if it never is there.
+
+    Args:
+        car: The vehicle.
+        station: Its smooth stations at 100 Hz, from the engine's start [m].
+        first: Row of frame 0.
+        count: Frames.
+        per_step: Rows a step of the engine.
+    """
+    start = max(first, car.entered_at * per_step)
+    stop = first + count
+    if car.left_at is not None:
+        on_road = station[:stop] + car.shape.front <= car.ends[-1]
+        stop = min(stop, car.left_at * per_step, int(np.argmin(np.append(on_road, False))))
+    if stop - start < MIN_PRESENCE:
+        return None
+    line = car.line.station  # before it enters and after it has left, a vehicle may be beyond both ends of its line
+    low, high = np.searchsorted(station, [line[0] + BEYOND, line[-1] - BEYOND])
+    sampled = np.full((len(station), 7), np.nan)
+    sampled[low:high] = sample_poses(car.plan.stance, station[low:high])
+    poses = np.full((count, 7), np.nan)
+    poses[start - first : stop - first] = sampled[start:stop]
+    return poses
+
+
+def _end_notes(engine: IdmEngine, names: Mapping[int, str], speed: np.ndarray) -> list[str]:
+    """Return a note on CAVs that stand at the end of the network in the last frame; `speed` goes up to it."""
+    stand = [
+        names[rank]
+        for rank, car in enumerate(engine.cars)
+        if rank in names and car.is_cav and speed[-1, rank] < STANDING and car.stop_station() - car.front < AT_END
+    ]
+    ended = [name for name in stand if engine.arrivals is not None]
+    if not ended:
+        return []
+    return [f"{', '.join(ended)}: at an end of the roads, where CAVs wait; give fewer frames, or a larger map"]
 
 
 def record_steps(engine: IdmEngine, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -86,7 +145,7 @@ def record_steps(engine: IdmEngine, steps: int) -> tuple[np.ndarray, np.ndarray,
 
     Returns:
         Stations [m], speeds [m/s] and whether a vehicle stands with a cause, at every step, start included, each of
-        shape [steps + 1, V].
+        shape [steps + 1, V]. Vehicles that enter are taken as coming with the speed of their first step.
     """
     station = [[car.station for car in engine.cars]]
     speed = [[car.speed for car in engine.cars]]
@@ -96,6 +155,12 @@ def record_steps(engine: IdmEngine, steps: int) -> tuple[np.ndarray, np.ndarray,
         station.append([car.station for car in engine.cars])
         speed.append([car.speed for car in engine.cars])
         waits.append(find_causes(speed[-1], engine.blockers, engine.at_red))
+    for rank in range(len(station[0]), len(engine.cars)):
+        at = engine.cars[rank].entered_at
+        for step in range(at):
+            station[step].append(station[at][rank] - (at - step) * STEP * speed[at][rank])
+            speed[step].append(speed[at][rank])
+            waits[step].append(False)
     return np.array(station), np.array(speed), np.array(waits)
 
 

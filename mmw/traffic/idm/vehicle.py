@@ -42,6 +42,8 @@ class Plan:
     passages: list[Passage]
     change: Change | None = None
     """The last change of lanes on the path."""
+    leaves: bool = False
+    """Whether the vehicle leaves the network at the end of the path; else it stops there."""
 
 
 @dataclass
@@ -72,6 +74,11 @@ class Car:
     """Changes of lanes that have been begun (count)."""
     settled: float = -inf
     """Time of the last change of lanes, begun or tried [s]."""
+    is_cav: bool = False
+    entered_at: int = 0
+    """Engine step at which it entered."""
+    left_at: int | None = None
+    """Engine step at which it had left; None while it is on the road."""
 
     def __post_init__(self) -> None:
         self.shape: Shape = self.plan.stance.track.shape
@@ -105,6 +112,12 @@ class Car:
         if self.change is not None and self.rear >= self.change.end:
             self.change = None
 
+    def place_in_plan(self) -> tuple[float, float]:
+        """Return x and y of the middle between the axles [m]."""
+        row = min(int((self.station + EXTENSION) / PATH_STEP), len(self.plan.stance.columns) - 1)
+        x, y = self.plan.stance.columns[row, :2].tolist()
+        return x, y
+
     @property
     def ahead(self) -> tuple[int, int]:
         """First and last index of the lanes that the front of the vehicle is on; two during a change of lanes."""
@@ -127,9 +140,11 @@ class Car:
         return self.line.lanes.index(lane, max(first, min(self.occupied[0], self.ahead[0])))
 
     def stop_station(self) -> float:
-        """Return the station where the front bumper has to stop [m]."""
+        """Return the station where the front bumper has to stop [m]; inf if it need not."""
         if self.granted < len(self.passages):
             return self.passages[self.granted].stop
+        if self.plan.leaves:
+            return inf
         return self.ends[-1] - STOP_SHORT
 
     def desired_speed(self, station: float) -> float:

@@ -8,10 +8,11 @@ import numpy as np
 from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand, TrafficResult, VehicleTrack
+from mmw.traffic.model_choice import draw_models, draw_paint
 from mmw.traffic.replay.poses import LONGEST_GAP, replay
 from mmw.traffic.replay.road_level import Decks
 from mmw.traffic.replay.trajectory_table import Trajectory, read_trajectories
-from mmw.traffic.spawn import draw_models, draw_paint, name_vehicle, seeded
+from mmw.traffic.spawn import name_vehicle, seeded
 from mmw.traffic.vehicle_pose import Shape
 
 SAME_TIME = 1e-6
