@@ -137,8 +137,8 @@ def _drive(row: Row, lines: Sequence[str], seconds: float) -> None:
     frames = round(seconds * RATE_HZ)
     config = load_config({**content, "frames": {"count": frames, "rate_hz": RATE_HZ}})
     scenario = config.scenarios[0]
-    if scenario.traffic is None:
-        raise InputError("the printed configuration has no traffic")
+    if scenario.traffic is None or scenario.traffic.engine == "replay":
+        raise InputError("no lane is long enough for simulated traffic")
     row.asked = scenario.traffic.vehicle_count
     catalog = load_catalog()
     tracks = make_tracks(config, scenario, scenario_source(scenario, Path()), catalog, Path(), row.notes.append)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mmw.cli.command import run_command
+from mmw.cli.first_scenario import first_scenario
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.worlds.importers.blocks.mixes import MIXES, load_mix
@@ -182,14 +183,27 @@ def next_step(scene: ImportedScene, path: Path) -> list[str]:
     """Return what to do with an imported scene, with the lines of a configuration."""
     low, high = bounds(scene)
     lines = [f"wrote {path}", f"next: mmw town check {path}"]
+    first = first_scenario(scene)
+    if first is not None:
+        ranks = ", ".join(map(str, range(first.cavs)))
+        lines += ["  scenarios:", f"    - name: {path.stem}", f"      town: {path}"]
+        lines += [
+            f"      traffic: {{vehicle_count: {first.vehicles}, spawn_center_m: [{_triple(first.center)}], "
+            f"cav_ranks: [{ranks}]}}"
+        ]
+        if first.mast is None:
+            return [*lines, "note: no place for a roadside unit beside the road near there; give `rsus` one"]
+        mast = f"{{name: rsu_1, position_m: [{_triple(first.mast)}], yaw_deg: {first.yaw:g}}}"
+        return [*lines, f"      rsus: [{mast}]  # beside the road"]
+    start, traffic = (*(0.5 * (low + high))[:2], low[2]), "engine: replay, trajectories: drives.csv"
     if scene.lanes is None:
-        start, traffic = (*(0.5 * (low + high))[:2], low[2]), "engine: replay, trajectories: drives.csv"
         lines += ["no lanes, so no simulated traffic: refer to it from an animated stage (docs/guides/import.md), or"]
     else:
-        start, traffic = next(iter(scene.lanes.lanes.values())).points[0], "vehicle_count: 20"
-    center = ", ".join(f"{round(value)}" for value in start)
+        lines += ["no lane is long enough for simulated traffic (21 m are needed); trajectories can be replayed:"]
+    center = _triple(tuple(float(round(value)) for value in start))
     lines += ["  scenarios:", f"    - name: {path.stem}", f"      town: {path}"]
-    lines += [f"      traffic: {{{traffic}, spawn_center_m: [{center}]}}"]
-    if scene.lanes is not None:
-        lines += [f"      rsus: [{{name: rsu_1, position_m: [{center}]}}]  # beside the road"]
-    return lines
+    return [*lines, f"      traffic: {{{traffic}, spawn_center_m: [{center}]}}"]
+
+
+def _triple(point: Sequence[float]) -> str:
+    return ", ".join(f"{value:g}" for value in point)

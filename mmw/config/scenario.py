@@ -71,6 +71,11 @@ class TrafficConfig(Section):
         description="vehicle model of each CAV, `cav_1` first, such as `city_bus`; drawn by `seed` where it is null or "
         "left out; engines idm and sumo (names)",
     )
+    models: tuple[str, ...] = Field(
+        default=(),
+        description="vehicle models that drive, such as `sedan`; all if empty; those of `cav_models` must be among them "
+        "(names)",
+    )
     warmup_s: float = Field(
         default=1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]"
     )
@@ -111,7 +116,9 @@ class TrafficConfig(Section):
     @model_serializer(mode="wrap")
     def _without_new_keys(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Leave out keys that are not used, so that configurations of before there were such keep their hash."""
-        return without_empty(handler(self), "vru_ranks", "cyclist_count", "vru_cyclist_ranks", "driving_weather")
+        return without_empty(
+            handler(self), "vru_ranks", "cyclist_count", "vru_cyclist_ranks", "driving_weather", "models"
+        )
 
     @property
     def cav_count(self) -> int:

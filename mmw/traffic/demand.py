@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mmw.config import TrafficConfig, VarySpawnConfig
+from mmw.core.errors import InputError
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.roads.town_asset import Town
 from mmw.traffic.vehicle_pose import Shape, make_shape
@@ -54,8 +55,16 @@ class TrafficDemand:
 
     @cached_property
     def shapes(self) -> list[Shape]:
-        """Dimensions of all models, sorted by name."""
-        return [make_shape(self.catalog[name]) for name in sorted(self.catalog)]
+        """Dimensions of the models that drive, sorted by name.
+
+        Raises:
+            InputError: If the configuration names a model that the catalog does not have.
+        """
+        chosen = self.traffic.models or tuple(self.catalog)
+        if unknown := sorted(set(chosen) - set(self.catalog)):
+            known = ", ".join(sorted(self.catalog))
+            raise InputError(f"models holds {unknown[0]!r}: there are the vehicle models {known}; name some of them")
+        return [make_shape(self.catalog[name]) for name in sorted(set(chosen))]
 
     @cached_property
     def ground(self) -> Ground:
