@@ -73,8 +73,7 @@ class TrafficConfig(Section):
     )
     models: tuple[str, ...] = Field(
         default=(),
-        description="vehicle models that drive, such as `sedan`; all if empty; those of `cav_models` must be among them "
-        "(names)",
+        description="vehicle models that drive, such as `sedan`; all if empty; `cav_models` are some of them (names)",
     )
     warmup_s: float = Field(
         default=1.0, ge=1.0, le=60, description="simulated before frame 0; engines idm and sumo [s]"
