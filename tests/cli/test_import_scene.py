@@ -143,7 +143,8 @@ def test_lanes_are_written(tmp_path: Path, capsys: pytest.CaptureFixture) -> Non
     assert main([str(path), "--out", str(tmp_path / "again")]) == 0
     printed = capsys.readouterr().out
     assert "lanes: 1" in printed
-    assert "traffic: {vehicle_count: 20, spawn_center_m: [-9, 0, 0]}" in printed
+    assert "no lane is long enough for simulated traffic (21 m are needed)" in printed
+    assert "traffic: {engine: replay, trajectories: drives.csv, spawn_center_m: [0, 0, 0]}" in printed
 
 
 def test_a_world_is_a_folder_that_opens_anywhere(glb: tuple[Path, Path], tmp_path: Path) -> None:

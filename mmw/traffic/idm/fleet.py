@@ -1,6 +1,7 @@
 """Give vehicles models, paints and routes that their bodies can drive, also after a change of lanes."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,12 @@ from mmw.traffic.route import Line, choose_lanes, join_lanes
 from mmw.traffic.spawn import RUN_OUT, BlockedPointError, Places, SpawnPoint, Start, make_start, seeded, spawn_points
 from mmw.traffic.speed_profile import speed_limit
 from mmw.traffic.vehicle_pose import MAX_STEER, Shape, Stance, Track, follow_line, place_on_ground
+
+SLOWEST = 0.3
+"""Least share of the speed limits at which a CAV drives whose way ends before the scenario; design value."""
+
+UNHURRIED = 0.8
+"""Share of a CAV's time to the end of the network that it may use: it brakes before the end; design value."""
 
 
 class Fleet:
@@ -88,8 +95,17 @@ class Fleet:
         stay = self.stay + start.point.station / self.graph.lanes[start.point.lane].speed if start.is_cav else 0.0
         return self._search(shape, start.point.lane, need, (self.demand.seed, start.rank, 1), drive, stay)
 
+    def _driver_factor(self, start: Start, line: Line) -> float:
+        """Return the driver's share of the speed limits: a CAV slows down for a way that ends before the scenario."""
+        if not (start.is_cav and line.lanes[-1] in self.network.exits):
+            return start.factor
+        first = self.graph.lanes[start.point.lane]
+        time = self.network.crossing_time(line.lanes) - start.point.station / first.speed
+        return min(start.factor, max(SLOWEST, UNHURRIED * time / self.duration))
+
     def _make_car(self, start: Start, shape: Shape, stance: Stance) -> Car:
         line = stance.track.line
+        start = replace(start, factor=self._driver_factor(start, line))
         limit = speed_limit(stance, self.graph, start.factor).tolist()
         begins = [0.0, *line.ends[:-1].tolist()]
         plan = Plan(

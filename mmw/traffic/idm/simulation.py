@@ -132,7 +132,7 @@ def _end_notes(engine: IdmEngine, names: Mapping[int, str], speed: np.ndarray) -
     stand = [
         names[rank]
         for rank, car in enumerate(engine.cars)
-        if rank in names and car.is_cav and speed[-1, rank] < STANDING and car.stop_station() - car.front < AT_END
+        if rank in names and car.is_cav and speed[-1, rank] < STANDING and car.ends[-1] - car.front < AT_END
     ]
     ended = [name for name in stand if engine.arrivals is not None]
     if not ended:

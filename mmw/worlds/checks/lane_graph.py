@@ -70,7 +70,7 @@ def _neighbours(graph: LaneGraph) -> list[Finding]:
     found = []
     for lane in graph.lanes.values():
         for side, name in (("left", lane.left), ("right", lane.right)):
-            text = _misfit(lane, graph.lanes[name], side) if name else ""
+            text = misfit(lane, graph.lanes[name], side) if name else ""
             if text:
                 paths, cure = f"lane {lane.name} and lane {name}", "correct mmw:lane:left and mmw:lane:right"
                 place = as_place(lane.points[len(lane.points) // 2])
@@ -78,7 +78,7 @@ def _neighbours(graph: LaneGraph) -> list[Finding]:
     return found
 
 
-def _misfit(lane: Lane, other: Lane, side: str) -> str:
+def misfit(lane: Lane, other: Lane, side: str) -> str:
     """Return why a lane is no neighbor of another, empty if it is one."""
     back = other.right if side == "left" else other.left
     if back != lane.name:

@@ -10,7 +10,10 @@ from mmw.worlds.checks.findings import Finding, as_place, does_not_apply, listed
 from mmw.worlds.checks.stage_model import StageModel
 
 MAX_GRADE = 0.20
-"""Largest grade of a lane [-]; the limit that towns are built with."""
+"""Largest grade of a lane [-]; the limit that towns are built with; steeper ones are warned of."""
+
+STEEPEST = 0.35
+"""No street is steeper [-]. Source: Baldwin Street, Dunedin, the steepest one, 34.8 %, Guinness World Records, 2020."""
 
 ALONG_M = 0.5
 """Distance between cross-sections that are probed [m]."""
@@ -69,7 +72,8 @@ def _grade(lane: Lane) -> list[Finding]:
         return []
     k = int(np.argmax(grade))
     text = f"grade {grade[k]:.3f}; more than {MAX_GRADE:.2f} on {len(steep)} segments"
-    return [Finding("error", "grade", f"lane {lane.name}", text, "lengthen the slope", as_place(lane.points[k]))]
+    severity = "error" if grade[k] > STEEPEST else "warning"
+    return [Finding(severity, "grade", f"lane {lane.name}", text, "lengthen the slope", as_place(lane.points[k]))]
 
 
 def probes(lane: Lane, *, is_joined: tuple[bool, bool] = (True, True)) -> tuple[np.ndarray, np.ndarray]:

@@ -226,7 +226,7 @@ def test_vehicles_drive_on_it(town: ImportedScene) -> None:
 
 
 def test_lanes_beside_each_other_and_sections(tmp_path: Path) -> None:
-    grow = '<width sOffset="0" a="0" b="0" c="0.0105" d="-0.00035"/><width sOffset="20" a="1.4" b="0" c="0" d="0"/>'
+    grow = '<width sOffset="0" a="0" b="0" c="0.021" d="-0.0007"/><width sOffset="20" a="2.8" b="0" c="0" d="0"/>'
     one = section(0.0, [], mark("none"), [lane(-1, "driving", 3.5, mark("broken"), None, -1)])
     two = section(
         40.0,
@@ -235,7 +235,7 @@ def test_lanes_beside_each_other_and_sections(tmp_path: Path) -> None:
         [lane(-1, "driving", 3.5, mark("broken"), -1, -1), lane(-2, "driving", grow, mark("solid"), None, -2)],
     )
     three = section(80.0, [], mark("none"), [
-        lane(-1, "driving", 3.5, mark("solid"), -1), lane(-2, "driving", 1.4, mark("none"), -2)])  # fmt: skip
+        lane(-1, "driving", 3.5, mark("solid"), -1), lane(-2, "driving", 2.8, mark("none"), -2)])  # fmt: skip
     world = read_xodr(tmp_path, document(road("a b", Plan(0, 0, 0).line(120.0), one + two + three)))
     lanes = world.lanes.lanes
     assert sorted(lanes) == ["road_a_b_s0_r1", "road_a_b_s1_r1", "road_a_b_s1_r2"]
@@ -246,7 +246,7 @@ def test_lanes_beside_each_other_and_sections(tmp_path: Path) -> None:
     lanes = world.lanes.lanes
     assert (lanes["road_a_b_s1_r1"].right, lanes["road_a_b_s1_r2"].left) == ("road_a_b_s1_r2", "road_a_b_s1_r1")
     assert lanes["road_a_b_s1_r1"].left == ""
-    area = 3.5 * 110 + 1.4 * 50 + 0.0105 * 20**3 / 3 - 0.00035 * 20**4 / 4
+    area = 3.5 * 110 + 2.8 * 50 + 0.021 * 20**3 / 3 - 0.0007 * 20**4 / 4
     assert plan_area(world.parts, "Roads/") == pytest.approx(area, rel=1e-4)
 
 

@@ -19,8 +19,9 @@ REACH = 1.0
 class Sheets:
     """The upward faces of many sheets, looked up in plan; of several at one place, the one nearest in height counts."""
 
-    def __init__(self, surfaces: list[Surface]) -> None:
-        corners = []
+    def __init__(self, surfaces: list[Surface], touch: float = TOUCH) -> None:
+        """Store surfaces; faces within `touch` of a point in plan [m] count as over it."""
+        self._touch, corners = touch, []
         for surface in surfaces:
             points = np.concatenate(surface.points)
             corners += [points[block] for blocks in surface.faces.values() for block in blocks]
@@ -29,7 +30,7 @@ class Sheets:
 
     def hits(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return all faces over points [N, 2]: index of the point, shape [H], and height of the face there, [H]."""
-        query, (p, q), z = self._faces.hits(xy, TOUCH)
+        query, (p, q), z = self._faces.hits(xy, self._touch)
         inside = (p > -0.5) & (q > -0.5) & (p + q < 1.5)  # a sliver must not be extended to far heights
         return query[inside], z[inside]
 

@@ -26,6 +26,8 @@ MIN_OVERLAP = 1e-3
 """Less than this of a junction lies on the roads outside by rounding only [m^2]; design value."""
 MIN_HEIGHT = 1e-4
 """Triangles that are lower are left out [m]: in single precision, a kilometer from the origin, they have no area."""
+LAP = 3e-4
+"""Areas reach this far over their neighbors [m], so that no crack is left between rounded corners."""
 EVERY = 0.25
 """Distance of the samples that a point is related to a road by [m]."""
 
@@ -68,6 +70,7 @@ def build_junction(name: str, shapes: list[RoadShape], seams: np.ndarray, outsid
         paved, walk, green = (subtract_area(area, outside, 1e-4) for area in (paved, walk, green))
     walk = subtract_area(walk, paved, 1e-4)
     green = subtract_area(green, shapely.union(paved, walk), 1e-4)
+    paved, walk, green = (area.buffer(LAP, join_style="mitre") for area in (paved, walk, green))
     roads = [_prepare(shape) for shape in shapes]
     sheet = Sheet(name, outline=shapely.union_all([paved, walk, green], grid_size=1e-4))
     for kind, area in (("paved", paved), ("walk", walk), ("green", green)):

@@ -5,11 +5,12 @@ or ends, all lanes of that side are cut. So lanes beside each other have the sam
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
+from mmw.worlds.checks.lane_graph import misfit
 from mmw.worlds.importers.mesh_cleanup import identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
 from mmw.worlds.importers.opendrive.curbs import Sheets
@@ -29,6 +30,8 @@ MAX_GAP = 0.5
 """Linked ends of lanes are moved together over gaps up to this [m]."""
 BACK = np.radians(150)
 """A lane through a junction that turns by more than this is a U-turn [rad]; design value."""
+MIN_WIDTH = 2.0
+"""Vehicles drive where a lane is at least this wide [m]; design value, the width of a car with its mirrors."""
 FADE = 10.0
 """Length over which the end of a lane is moved [m]; design value."""
 
@@ -63,16 +66,27 @@ def build_lanes(
             more than 0.5 m apart.
     """
     chains = [chain for key, shape in shapes.items() for chain in _chains(shape, names[key])]
+    courses = {chain.name: _course(chain) for chain in chains}
+    narrow = [chain.name for chain in chains if not courses[chain.name].points.size]
+    chains = [chain for chain in chains if courses[chain.name].points.size]
     if not chains:
         return None, ["no driving lanes: vehicles cannot drive here"]
     notes = lost_junctions(document)
+    if narrow:
+        notes.append(f"{len(narrow)} lanes narrower than {MIN_WIDTH:g} m left out: {_list(narrow)}")
     place = {}  # road id, section, lane number -> chain
     for chain in chains:
         for k, number in enumerate(chain.numbers):
             place[chain.shape.road.id, chain.first + k, number] = chain
     joints, last = find_joints(document), {key: len(road.sections) - 1 for key, road in document.roads.items()}
     links = {chain.name: _successors(chain, place, joints, last) for chain in chains}
-    points = {chain.name: _points(chain) for chain in chains}
+    cut = {name for name in links if courses[name].ends_early}
+    late = {name for name in links if courses[name].starts_late}
+    for name in links:
+        links[name] = [] if name in cut else [other for other in links[name] if other not in late]
+    if shortened := sorted(cut | late):
+        notes.append(f"{len(shortened)} lanes end or begin where they are {MIN_WIDTH:g} m wide: {_list(shortened)}")
+    points = {name: courses[name].points for name in links}
     junctions = {chain.name: chain.shape.road.junction for chain in chains}
     unfit = _unfit_u_turns(points, links, junctions)
     if unfit:
@@ -101,7 +115,7 @@ def build_lanes(
         lanes[chain.name] = Lane(
             chain.name,
             points[chain.name],
-            _width(chain),
+            courses[chain.name].width,
             limits[chain.name] or DEFAULT_SPEED,
             identifier(f"junction_{junction}") if junction else "",
             rank if junction else 0,
@@ -109,7 +123,20 @@ def build_lanes(
             "" if junction else left,
             "" if junction else right,
         )
-    return LaneGraph(lanes), [*notes, *describe_graph(LaneGraph(lanes))]
+    graph = LaneGraph(_true_neighbors(lanes))
+    return graph, [*notes, *describe_graph(graph)]
+
+
+def _true_neighbors(lanes: dict[str, Lane]) -> dict[str, Lane]:
+    """Return the lanes without neighbors that do not lie beside them."""
+
+    def keep(lane: Lane, side: str) -> str:
+        name = lane.left if side == "left" else lane.right
+        if not name or misfit(lane, lanes[name], side):
+            return ""
+        return "" if misfit(lanes[name], lane, "right" if side == "left" else "left") else name
+
+    return {name: replace(lane, left=keep(lane, "left"), right=keep(lane, "right")) for name, lane in lanes.items()}
 
 
 def _chains(shape: RoadShape, name: str) -> list[Chain]:
@@ -171,26 +198,41 @@ def _successors(
     return found
 
 
-def _points(chain: Chain) -> np.ndarray:
-    """Center line in driving direction [m], shape [N, 3]."""
+@dataclass(frozen=True)
+class Course:
+    """The part of a lane that is wide enough for vehicles, in driving direction."""
+
+    points: np.ndarray
+    """Center line [m], shape [N, 3]; none if no part is."""
+    width: float
+    """Least width [m]."""
+    starts_late: bool
+    """Whether it begins behind the start of the lane."""
+    ends_early: bool
+    """Whether it ends before the end of the lane."""
+
+
+def _course(chain: Chain) -> Course:
+    """Return the longest part of a lane that is nowhere narrower than `MIN_WIDTH`."""
     step = STEP * (0.5 if chain.shape.road.junction else 1.0)
-    rows = []
+    rows, widths = [], []
     for k, (section, lane) in enumerate(chain.stretch):
         count = max(2, int(np.ceil((section.end - section.start) / step)) + 1)
         s = np.linspace(section.start, section.end, count)[1 if k else 0 :]
         inner, outer = chain.shape.borders(section, s)[lane.number]
         rows.append(chain.shape.place(s, 0.5 * (inner + outer)))
-    points = np.concatenate(rows)
-    return points if chain.is_forward else points[::-1].copy()
-
-
-def _width(chain: Chain) -> float:
-    widths = []
-    for section, lane in chain.stretch:
-        s = np.linspace(section.start, section.end, 20)
-        inner, outer = chain.shape.borders(section, s)[lane.number]
         widths.append(np.abs(outer - inner))
-    return float(np.round(np.concatenate(widths).mean(), 4))
+    points, width = np.concatenate(rows), np.concatenate(widths)
+    if not chain.is_forward:
+        points, width = points[::-1].copy(), width[::-1]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], width >= MIN_WIDTH - 1e-6, [False]]))).reshape(-1, 2)
+    station = row_stations(points)
+    runs = [(station[stop - 1] - station[start], start, stop) for start, stop in edges.tolist() if stop - start > 1]
+    if not runs:
+        return Course(np.zeros((0, 3)), 0.0, False, False)
+    _, start, stop = max(runs, key=lambda run: (run[0], -run[1]))
+    least = float(np.floor(1e4 * width[start:stop].min()) / 1e4)
+    return Course(points[start:stop], least, start > 0, stop < len(points))
 
 
 def _speed(chain: Chain) -> float:

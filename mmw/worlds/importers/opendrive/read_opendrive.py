@@ -20,6 +20,7 @@ from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_row
 from mmw.worlds.importers.opendrive.junction import build_junction
 from mmw.worlds.importers.opendrive.lanes import build_lanes
 from mmw.worlds.importers.opendrive.limits import MAX_JUNCTION, MIN_ROAD, PLACE, check_extent, number
+from mmw.worlds.importers.opendrive.overlaps import CRACK, carriageways, cut_overlaps, pave_gaps
 from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -73,9 +74,16 @@ def read_opendrive(path: str | Path, *, strict: bool = False) -> ImportedScene:
     sheets = [sheet for sheet in (*outside.values(), *inside.values()) if sheet.surface.faces]
     if not sheets:
         raise InputError(f"{path}: no lane of its roads has a width; give their lanes a <width>")
+    notes += _overlaps(outside)
+    cut_overlaps(sheets)
+    graph, more = build_lanes(document, shapes, names, carriageways(sheets))
+    notes += more
+    gaps = None if graph is None else pave_gaps(graph, carriageways(sheets, CRACK))
+    if gaps is not None:
+        sheets.append(gaps)
+        cut_overlaps(sheets, gaps)
+        notes.append("gaps between roads under lanes were paved")
     tops = Sheets([sheet.surface for sheet in sheets])
-    graph, more = build_lanes(document, shapes, names, tops)
-    notes += [*more, *_overlaps(outside)]
     ground = _close(sheets, tops, notes)
     parts = [part for sheet in sheets for part in _parts(sheet)]
     parts.append(build_ground(ground, tops))
@@ -156,7 +164,7 @@ def _overlaps(outside: dict[str, Sheet]) -> list[str]:
     area, first, second = max(found)
     return [
         f"{len(found)} pairs of roads outside junctions overlap, most of all {first!r} and {second!r} by {area:.1f} "
-        "m2; their surfaces lie on each other there"
+        "m2; the first one's surface is kept there"
     ]
 
 
