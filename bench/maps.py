@@ -55,6 +55,7 @@ class Row:
 
     name: str
     import_s: float | None = None
+    """Processor time of the import [s], which other work on the machine changes little."""
     memory_mb: float | None = None
     """Largest memory of the process up to the end of the import, Python's own included."""
     lanes: int | None = None
@@ -104,10 +105,10 @@ def _import(row: Row, path: Path, out: Path, options: Sequence[str]) -> list[str
     from mmw.cli.import_scene import main as import_main
 
     printed, said = io.StringIO(), io.StringIO()
-    start = time.perf_counter()
+    start = time.process_time()
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
         code = import_main([str(path), "--out", str(out / path.name.split(".")[0]), "--overwrite", *options])
-    row.import_s = time.perf_counter() - start
+    row.import_s = time.process_time() - start
     row.memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # kibibytes on Linux
     lines = printed.getvalue().splitlines()
     row.notes = [line.removeprefix("note: ") for line in lines if line.startswith("note: ")]

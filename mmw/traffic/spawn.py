@@ -276,7 +276,7 @@ def place_starts(
     while len(vehicles) < len(starts):
         if kept and len(vehicles) > max(cav_ranks):
             kept, free = [], [point for point in points if point in kept or point in free]
-        queue = kept if len(vehicles) in cav_ranks and suits_cav is not None else free
+        queue = (kept or free) if len(vehicles) in cav_ranks else free
         if not queue:
             break
         try:

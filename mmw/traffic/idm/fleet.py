@@ -16,8 +16,8 @@ from mmw.traffic.spawn import RUN_OUT, BlockedPointError, Places, SpawnPoint, St
 from mmw.traffic.speed_profile import speed_limit
 from mmw.traffic.vehicle_pose import MAX_STEER, Shape, Stance, Track, follow_line, place_on_ground
 
-SLOWEST = 0.3
-"""Least share of the speed limits at which a CAV drives whose way ends before the scenario; design value."""
+SLOWEST = 2.5
+"""A CAV whose way ends before the scenario drives at least this fast [m/s]; design value, as in a car park."""
 
 UNHURRIED = 0.8
 """Share of a CAV's time to the end of the network that it may use: it brakes before the end; design value."""
@@ -93,15 +93,21 @@ class Fleet:
             return self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
 
         stay = self.stay + start.point.station / self.graph.lanes[start.point.lane].speed if start.is_cav else 0.0
-        return self._search(shape, start.point.lane, need, (self.demand.seed, start.rank, 1), drive, stay)
+        key = self.demand.seed, start.rank, 1
+        stance, why = self._search(shape, start.point.lane, need, key, drive, stay)
+        if stance is None and stay > 0.0:  # no way lasts: the CAV takes one that ends, and waits there
+            stance, why = self._search(shape, start.point.lane, need, key, drive, 0.0)
+        return stance, why
 
     def _driver_factor(self, start: Start, line: Line) -> float:
         """Return the driver's share of the speed limits: a CAV slows down for a way that ends before the scenario."""
         if not (start.is_cav and line.lanes[-1] in self.network.exits):
             return start.factor
         first = self.graph.lanes[start.point.lane]
-        time = self.network.crossing_time(line.lanes) - start.point.station / first.speed
-        return min(start.factor, max(SLOWEST, UNHURRIED * time / self.duration))
+        whole = self.network.crossing_time(line.lanes)
+        time = whole - start.point.station / first.speed
+        least = SLOWEST * whole / float(line.ends[-1])
+        return min(start.factor, max(least, UNHURRIED * time / self.duration))
 
     def _make_car(self, start: Start, shape: Shape, stance: Stance) -> Car:
         line = stance.track.line

@@ -6,6 +6,7 @@ from pathlib import Path
 from mmw.core.errors import InputError
 from mmw.worlds.importers.opendrive import limits
 from mmw.worlds.importers.opendrive.records import JunctionRecord, RoadRecord, read_junction, read_road
+from mmw.worlds.importers.opendrive.section_links import link_sections
 from mmw.worlds.importers.xml_nodes import parse_xml
 
 MAX_NAMED = 6
@@ -96,7 +97,11 @@ def read_document(path: Path, *, is_strict: bool = False) -> Document:
             document.lost.add(element.get("id", ""))
             errors.append(error)
             continue
-        document.roads[road.id] = road
+        linked = road if is_strict else link_sections(road)
+        if linked is not road:
+            fault = "lanes of successive sections are not linked", "those of the same number were linked"
+            document.faults.setdefault(fault, []).append(f"road {road.id!r}")
+        document.roads[road.id] = linked
         for tag in skipped:
             found = element.find(f"lateralProfile/{tag}" if tag in ("shape", "crossfall") else tag)
             skipped[tag] += 0 if found is None else max(1, len(found))

@@ -36,6 +36,10 @@ BESIDE = 1.5
 """A gap is paved along a lane to this far before and behind the probes that found it [m]; design value."""
 CRACK = 1e-4
 """Cracks wider than twice this are gaps [m]."""
+SEAM = 0.3
+"""Near the ends of lanes the road is looked at a little aside, too, as in single precision they are elsewhere [m]."""
+NUDGES = 2e-3 * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)])
+"""That far [m], shape [4, 3]."""
 BEYOND = 0.3
 """Paved gaps reach this far beyond the ends of the pieces of a lane [m]; design value."""
 MARGIN = 0.05
@@ -165,6 +169,8 @@ def pave_gaps(graph: LaneGraph, roads: Sheets) -> Sheet | None:
     sheet, before, outlines = Sheet(PATCHES), graph.predecessors, []
     for lane in graph.lanes.values():
         points, _ = probes(lane, is_joined=(bool(before[lane.name]), bool(lane.successors)))
+        ends = np.linalg.norm(points[:, None] - lane.points[[0, -1]], axis=2).min(axis=1) < 0.5 * lane.width + SEAM
+        points = np.concatenate([points, *(points[ends] + step for step in NUDGES)])
         bad = points[np.isnan(roads.nearest(points))]
         if len(bad):
             corners = _band(lane, bad)

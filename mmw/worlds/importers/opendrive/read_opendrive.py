@@ -20,7 +20,7 @@ from mmw.worlds.importers.opendrive.ground import OVERPASS, add_deck, bridge_row
 from mmw.worlds.importers.opendrive.junction import build_junction
 from mmw.worlds.importers.opendrive.lanes import build_lanes
 from mmw.worlds.importers.opendrive.limits import MAX_JUNCTION, MIN_ROAD, PLACE, check_extent, number
-from mmw.worlds.importers.opendrive.overlaps import CRACK, carriageways, cut_overlaps, pave_gaps
+from mmw.worlds.importers.opendrive.overlaps import CRACK, PATCHES, carriageways, cut_overlaps, pave_gaps
 from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -172,6 +172,9 @@ def _close(sheets: list[Sheet], tops: Sheets, notes: list[str]) -> shapely.Geome
     """Give every sheet its sides, bridges their undersides, and return what lies on the ground."""
     ground, bridges = [], 0
     for sheet in sheets:
+        if sheet.name == PATCHES:  # its edges meet others, but for a hand's breadth of air over the ground
+            ground.append(sheet.outline)
+            continue
         outline, side = sheet.outline, "soil"
         if sheet.rows:
             over = bridge_rows(sheet, tops)
