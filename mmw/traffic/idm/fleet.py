@@ -26,16 +26,18 @@ UNHURRIED = 0.8
 class Fleet:
     """Puts vehicles on the road, each with a route that its body can drive."""
 
-    def __init__(self, demand: TrafficDemand, duration: float) -> None:
+    def __init__(self, demand: TrafficDemand, duration: float, *, may_leave: bool = True) -> None:
         """Start with empty lanes.
 
         Args:
             demand: The scenario.
             duration: Time that routes have to last [s].
+            may_leave: Whether vehicles but CAVs leave the network where its roads end; else they stop there.
         """
         self.demand = demand
         self.graph = graph = demand.town.lanes
         self.duration = duration
+        self.may_leave = may_leave
         self.fastest = max(lane.speed for lane in graph.lanes.values())
         self.network = OpenNetwork(graph)
         self.usable = self.network.usable
@@ -122,7 +124,7 @@ class Fleet:
         return Car(plan, station, start.headway, start.factor, paint, is_cav=start.is_cav)
 
     def _leaves(self, line: Line, is_cav: bool) -> bool:
-        return not is_cav and line.lanes[-1] in self.network.exits
+        return self.may_leave and not is_cav and line.lanes[-1] in self.network.exits
 
     def change(self, rank: int, car: Car, desired: DesiredChange, elapsed: float) -> Plan | None:
         """Return the path of a vehicle that changes lanes and follows a new random route; None if there is none.

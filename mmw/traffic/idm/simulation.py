@@ -40,12 +40,15 @@ def start_idm(demand: TrafficDemand) -> IdmEngine:
     return start_fleet(demand)[0]
 
 
-def start_fleet(demand: TrafficDemand, engine_type: Callable[..., Engine] = IdmEngine) -> tuple[Engine, Placed[Car]]:
+def start_fleet(
+    demand: TrafficDemand, engine_type: Callable[..., Engine] = IdmEngine, *, may_leave: bool = True
+) -> tuple[Engine, Placed[Car]]:
     """Return the vehicles of a scenario at their starts, `SETTLE_S` and the warm-up before frame 0, and who they are.
 
     Args:
         demand: The scenario.
         engine_type: Engine that moves them, with the arguments of `IdmEngine`.
+        may_leave: Whether vehicles leave and enter at open ends of the network; else they stop there.
 
     Raises:
         InputError: If the town has too few places, no model can drive from any of them without leaving the road, or
@@ -59,12 +62,12 @@ def start_fleet(demand: TrafficDemand, engine_type: Callable[..., Engine] = IdmE
             "needed; name junctions in the town's props.signalled, or set signals: false"
         )
     before = SETTLE_S + traffic.warmup_s
-    fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ)
+    fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ, may_leave=may_leave)
     suits_cav = fleet.suits_cav if fleet.network.exits else None
     placed = place_starts(demand, fleet.usable, fleet.add, suits_cav)
     changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
     arrivals = None
-    if fleet.network.exits:
+    if fleet.network.exits and may_leave:
         arrivals = Arrivals(fleet.network, len(placed.vehicles), demand.seed, fleet.enter)
     return engine_type(graph, placed.vehicles, changes, plans, -before, arrivals), placed
 

@@ -54,7 +54,7 @@ class LiveTraffic:
         if demand.traffic.engine != "idm":
             raise InputError(f"engine = {demand.traffic.engine!r}: live traffic is that of idm; change engine")
         self._demand = demand
-        self._engine, placed = start_fleet(demand, LiveEngine)
+        self._engine, placed = start_fleet(demand, LiveEngine, may_leave=False)
         self.notes = placed.notes
         cars, ranks = self._engine.cars, vehicle_order(placed.cav_ranks, len(self._engine.cars))
         self._ranks = ranks
