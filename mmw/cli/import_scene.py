@@ -192,7 +192,7 @@ def next_step(scene: ImportedScene, path: Path) -> list[str]:
             f"cav_ranks: [{ranks}]}}"
         ]
         if first.mast is None:
-            return [*lines, "note: no place for a roadside unit beside the road near there; give `rsus` one"]
+            return [*lines, "note: no place for a roadside unit was found (needs the extra author); give `rsus` one"]
         mast = f"{{name: rsu_1, position_m: [{_triple(first.mast)}], yaw_deg: {first.yaw:g}}}"
         return [*lines, f"      rsus: [{mast}]  # beside the road"]
     start, traffic = (*(0.5 * (low + high))[:2], low[2]), "engine: replay, trajectories: drives.csv"

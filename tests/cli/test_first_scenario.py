@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from mmw.cli.first_scenario import busiest_place, first_scenario, mast_place
+from mmw.cli.first_scenario import busiest_place, first_scenario
+from mmw.cli.mast_place import mast_place
 from mmw.core.mesh import TriangleMesh
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.towns.mesh_part import MeshPart

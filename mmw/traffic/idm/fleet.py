@@ -94,7 +94,9 @@ class Fleet:
             station = start.point.station + 0.5 * shape.wheelbase
             return self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
 
-        stay = self.stay + start.point.station / self.graph.lanes[start.point.lane].speed if start.is_cav else 0.0
+        stay = 0.0
+        if start.is_cav and self.stay:
+            stay = self.stay + start.point.station / self.graph.lanes[start.point.lane].speed
         key = self.demand.seed, start.rank, 1
         stance, why = self._search(shape, start.point.lane, need, key, drive, stay)
         if stance is None and stay > 0.0:  # no way lasts: the CAV takes one that ends, and waits there

@@ -64,10 +64,10 @@ def test_bridge_is_not_cut_by_what_it_crosses() -> None:
 
 
 def test_gap_under_a_lane_is_paved() -> None:
-    """A wedge of 0.4 m between two roads; beside the lane there is nothing to pave."""
+    """A wedge of 1.2 m between two roads; beside the lane there is nothing to pave."""
     west, east = (
         sheet("west", rectangle(-20, -2, 20, 4)),
-        sheet("east", [(0, -2, 0), (20, -2, 0), (20, 2, 0), (0.4, 2, 0)]),
+        sheet("east", [(0, -2, 0), (20, -2, 0), (20, 2, 0), (1.2, 2, 0)]),
     )
     points = np.column_stack([np.linspace(-15, 15, 31), np.zeros(31), np.zeros(31)])
     graph = LaneGraph({"a": Lane("a", points, 3.5, 10.0)})
@@ -75,7 +75,7 @@ def test_gap_under_a_lane_is_paved() -> None:
     assert gaps is not None
     cut_overlaps([west, east, gaps], gaps)
     half = 1.75 + 0.05
-    wedge = shapely.Polygon([(0, -2), (0.4, 2), (0, 2)]).intersection(shapely.box(-20, -half, 20, half))
+    wedge = shapely.Polygon([(0, -2), (1.2, 2), (0, 2)]).intersection(shapely.box(-20, -half, 20, half))
     assert area(gaps) == pytest.approx(wedge.area, abs=0.01)
 
 

@@ -23,8 +23,8 @@ from mmw.worlds.towns.strip_mesh import Surface
 TOUCH = 1e-3
 """Triangles that reach into each other by less than about this only touch [m]; half of it for each."""
 LAP = 3e-4
-"""What is cut reaches this far over what it was cut by [m], so that no crack is left between rounded corners; surfaces
-that reach into each other by less than 1 mm are no overlap to the check."""
+"""Pieces reach this far over the triangles that they were cut by [m], so that no crack is left between rounded corners;
+surfaces that reach into each other by less than 1 mm are no overlap to the check."""
 GRID = 1e-5
 """Corners of cut triangles lie on a grid of this size [m]."""
 MIN_HEIGHT = 1e-4
