@@ -147,28 +147,31 @@ def test_degrees_become_meters_east_and_north():
     """Closed form: radii of curvature of WGS-84 at 48 deg, 6,384,000 m east-west and 6,370,900 m north-south."""
     step = 1e-3
     degrees = np.array([[48.0, 11.0, 500.0], [48.0 + step, 11.0, 510.0], [48.0, 11.0 + step, 500.0]])
-    world, notes = place("f", degrees, ReferenceSystem(4979))
+    world, georeference, notes = place("f", degrees, ReferenceSystem(4979))
     e2, s = 6.69437999014e-3, np.sin(np.radians(48.0 + 0.5 * step))
     north = 6378137.0 * (1 - e2) / (1 - e2 * s**2) ** 1.5 * np.radians(step)
     east = 6378137.0 / np.sqrt(1 - e2 * np.sin(np.radians(48.0)) ** 2) * np.cos(np.radians(48.0)) * np.radians(step)
     assert (world[1] - world[0])[:2] == pytest.approx([0.0, north], abs=2e-3)
     assert (world[2] - world[0])[:2] == pytest.approx([east, 0.0], abs=2e-3)
     assert world[:, 2] == pytest.approx([0.0, 10.0, 0.0])
-    swapped, same = place("f", degrees[:, [1, 0, 2]], reference_system("EPSG:4979"))
+    swapped, _, same = place("f", degrees[:, [1, 0, 2]], reference_system("EPSG:4979"))
     assert np.array_equal(swapped, world)
     assert notes == same == ["origin: latitude 48.000500, longitude 11.000500 deg, height 500.00 m"]
+    assert georeference is not None
+    assert georeference.degrees(world[:, :2]) == pytest.approx(degrees[:, :2], abs=1e-9)
 
 
 def test_a_projected_system_has_its_origin_on_the_earth():
     """On the central meridian of a UTM zone north is up and the scale is 0.9996."""
     pytest.importorskip("rasterio")
     points = np.array([[499_990.0, 5_300_000.0, 0.0], [500_010.0, 5_300_000.0, 0.0], [500_000.0, 5_300_030.0, 5.0]])
-    world, notes = place("f", points, reference_system("urn:ogc:def:crs:EPSG::32632"))
+    world, georeference, notes = place("f", points, reference_system("urn:ogc:def:crs:EPSG::32632"))
     assert (world[1] - world[0])[:2] == pytest.approx([20.0 / 0.9996, 0.0], abs=1e-4)
     middle = 0.5 * (world[0] + world[1])
     assert (world[2] - middle) == pytest.approx([0.0, 30.0 / 0.9996, 5.0], abs=1e-4)
     assert notes[0].startswith("origin: latitude 47.8")
     assert "longitude 9.000000" in notes[0]
+    assert georeference is not None and georeference.longitude == pytest.approx(9.0, abs=1e-6)
 
 
 def test_triangles_fill_polygons_with_holes_in_any_plane():

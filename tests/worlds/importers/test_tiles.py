@@ -30,6 +30,8 @@ def test_the_finest_tiles_lie_where_the_tileset_says(tmp_path: Path):
     found = [float(number) for number in re.findall(r"itude ([\d.]+)", origin)]
     middle = [latitude + 10.0 / 111_200, longitude + 2.5 / 74_600]  # meters of a degree at 48 deg
     assert found == pytest.approx(middle, abs=2e-6)
+    assert scene.georeference is not None
+    assert [scene.georeference.latitude, scene.georeference.longitude] == pytest.approx(found, abs=1e-6)
     assert "left out: 1 pnts" in scene.notes
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mmw.core.closed_bodies import turn_outward
 from mmw.core.errors import InputError
+from mmw.core.georeference import Georeference
 from mmw.core.mesh import compact
 from mmw.physics.materials.material import RadioMaterial
 from mmw.worlds.importers.city.polygons import normal_of, triangulate
@@ -110,7 +111,7 @@ class CityCollector:
         if not self._objects:
             kinds = f" (only {', '.join(sorted(self._left_out))})" if self._left_out else ""
             raise InputError(f"{self.path}: holds no city object with surfaces{kinds}; give a file with buildings")
-        self._to_world(system)
+        georeference = self._to_world(system)
         found = triangulate([rings for each in self._objects for rings in each.polygons])
         starts = np.cumsum([0, *(len(each.polygons) for each in self._objects)])
         rows = np.searchsorted(found.owner, starts)
@@ -142,13 +143,14 @@ class CityCollector:
         if not any(part.label in ("terrain", "road", "ground") for part in parts):
             notes.append("no ground: the file has none; vehicles need roads of another file")
         foreign = {"water": WATER} if any(part.material == "water" for part in parts) else {}
-        return ImportedScene(parts, foreign, None, tuple(notes), notice=notice)
+        return ImportedScene(parts, foreign, None, tuple(notes), georeference=georeference, notice=notice)
 
-    def _to_world(self, system: ReferenceSystem) -> None:
+    def _to_world(self, system: ReferenceSystem) -> Georeference | None:
+        """Move the surfaces to the frame of the world, and return its place on the earth if that is known."""
         for each in self._objects:
             check_numbers(f"{self.path}: {each.name}", each.points)
         rings = [ring for each in self._objects for polygon in each.polygons for ring in polygon]
-        world, notes = place(str(self.path), np.concatenate(rings), system)
+        world, georeference, notes = place(str(self.path), np.concatenate(rings), system)
         self.notes += notes
         placed = iter(np.split(world, np.cumsum([len(ring) for ring in rings])[:-1]))
         for each in self._objects:
@@ -157,6 +159,7 @@ class CityCollector:
             middles = np.array([each.points.mean(axis=0) for each in self._objects])
             away = np.linalg.norm(middles - np.median(middles, axis=0), axis=1)
             check_reach(f"{self.path}: {self._objects[int(np.argmax(away))].name}", world)
+        return georeference
 
 
 def _surface_types(each: _Object) -> list[str]:

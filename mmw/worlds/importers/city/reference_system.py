@@ -7,7 +7,9 @@ from importlib.util import find_spec
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.core.extras import install
 from mmw.core.geodesy import geodetic_from_ecef, world_from_wgs84
+from mmw.core.georeference import Georeference
 from mmw.worlds.importers.mesh_cleanup import MAX_COORDINATE_M, MAX_NUMBER_M
 
 MAX_OFFSET = 10e3
@@ -41,8 +43,10 @@ def reference_system(text: str) -> ReferenceSystem:
     return ReferenceSystem(code, text.strip().upper().startswith("EPSG:"))
 
 
-def place(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[np.ndarray, list[str]]:
-    """Return points in the world and notes on its origin: the middle of the points, on the height of the lowest one.
+def place(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[np.ndarray, Georeference | None, list[str]]:
+    """Return points in the world, its place on the earth if that is known, and notes on its origin.
+
+    The origin is the middle of the points, on the height of the lowest one.
 
     Args:
         where: File, for errors.
@@ -55,7 +59,7 @@ def place(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[np.n
     degrees, notes = _degrees(where, points, system)
     if degrees is None:
         world, more = _shifted(points)
-        return world, [*notes, *more]
+        return world, None, [*notes, *more]
     if (np.abs(degrees[:, :2]) > [90.0, 180.0]).any():
         raise InputError(f"{where}: a place of EPSG:{system.code} is not on the earth; correct coordinates or system")
     low, high = degrees.min(axis=0), degrees.max(axis=0)
@@ -65,7 +69,8 @@ def place(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[np.n
     plan = np.column_stack([degrees[:, :2], np.zeros(len(degrees))])
     world = world_from_wgs84(plan, (latitude, longitude, 0.0))
     world[:, 2] = degrees[:, 2] - level
-    return world, [*notes, f"origin: latitude {latitude:.6f}, longitude {longitude:.6f} deg, height {level:.2f} m"]
+    note = f"origin: latitude {latitude:.6f}, longitude {longitude:.6f} deg, height {level:.2f} m"
+    return world, Georeference(latitude, longitude), [*notes, note]
 
 
 def check_numbers(where: str, points: np.ndarray) -> None:
@@ -95,7 +100,7 @@ def _degrees(where: str, points: np.ndarray, system: ReferenceSystem) -> tuple[n
     if not code:
         return None, []
     if find_spec("rasterio") is None:
-        return None, [f"EPSG:{code}: no latitude and longitude without rasterio; install it (pip install rasterio)"]
+        return None, [f"EPSG:{code}: no latitude and longitude without rasterio; {install('geo')}"]
     import rasterio.errors
     import rasterio.warp
 

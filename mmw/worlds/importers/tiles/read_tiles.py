@@ -79,14 +79,15 @@ def read_tiles(path: str | Path) -> ImportedScene:
         raise InputError(f"{path}: holds no mesh{kinds}; give tiles with b3dm or glb contents")
     every = np.concatenate([points for _, _, points, _, _ in found])
     system = ReferenceSystem(4978 if np.linalg.norm(every, axis=1).min() > EARTH else 0)
-    world, notes = place(str(path), every, system)
+    world, georeference, notes = place(str(path), every, system)
     meshes, starts = MeshCollector(), np.cumsum([len(points) for _, _, points, _, _ in found])[:-1]
     for (where, prim, _, faces, material), points in zip(found, np.split(world, starts), strict=True):
         check_reach(where, points)
         meshes.add(where, prim, points, faces, material)
     if walk.left_out:
         notes.append("left out: " + ", ".join(f"{count} {kind}" for kind, count in sorted(walk.left_out.items())))
-    return ImportedScene(meshes.parts, materials.found, None, (*notes, *materials.notes, *meshes.notes()))
+    notes = (*notes, *materials.notes, *meshes.notes())
+    return ImportedScene(meshes.parts, materials.found, None, notes, georeference=georeference)
 
 
 def _meshes(
