@@ -26,7 +26,8 @@ STATION_SIGMA = 0.12
 """Gaussian on the station over time, standard deviation [s]."""
 
 MIN_PRESENCE = 10
-"""A vehicle that is there in fewer frames at 100 Hz is left out; design value, a tenth of a second."""
+"""A vehicle that is there in fewer frames at 100 Hz is left out, in shorter scenarios one that misses a
+frame; design value, a tenth of a second."""
 
 BEYOND = 0.5
 """Poses are sampled up to this far from the ends of a line [m], which goes on beyond the road."""
@@ -119,7 +120,7 @@ def _poses(car: Car, station: np.ndarray, first: int, count: int, per_step: int)
     if car.left_at is not None:
         on_road = station[:stop] + car.shape.front <= car.ends[-1]
         stop = min(stop, car.left_at * per_step, int(np.argmin(np.append(on_road, False))))
-    if stop - start < MIN_PRESENCE:
+    if stop - start < min(MIN_PRESENCE, count):
         return None
     line = car.line.station  # before it enters and after it has left, a vehicle may be beyond both ends of its line
     low, high = np.searchsorted(station, [line[0] + BEYOND, line[-1] - BEYOND])

@@ -101,6 +101,12 @@ def test_same_seed_same_arrivals(star: LaneGraph, result: TrafficResult) -> None
         assert np.array_equal(one.poses, other.poses, equal_nan=True)
 
 
+def test_a_scenario_of_two_frames_has_vehicles(star: LaneGraph) -> None:
+    short = simulate_idm(demand(star, surface(star), frame_count=2, vehicle_count=12, cav_ranks=(0, 1)))
+    assert len(short.tracks) >= 10
+    assert all(np.isfinite(track.poses).all() for track in short.tracks)
+
+
 def test_models_are_those_that_the_configuration_names(star: LaneGraph) -> None:
     options = {"frame_count": 300, "vehicle_count": 8, "cav_ranks": (), "models": ("suv", "van")}
     some = simulate_idm(demand(star, surface(star), **options))
