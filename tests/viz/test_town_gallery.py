@@ -8,12 +8,9 @@ from PIL import Image
 from pxr import Gf, Sdf, UsdGeom
 
 from mmw.__main__ import main
-from mmw.scene.reader import read_stage
-from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.viz.plots.lane_map import scenarios_of
-from mmw.viz.stills.town_gallery import choose_views, draw_town, selected_weather
-from tests.fixtures.circuit import add_block, ring_lanes, write_circuit
-from tests.fixtures.device_rays import loaded
+from mmw.viz.stills.town_gallery import draw_town, selected_weather
+from tests.fixtures.circuit import add_block, write_circuit
 from tests.fixtures.stages import write_town
 
 MAX_BYTES = 200_000
@@ -65,22 +62,6 @@ def test_a_given_view_is_used_and_parked_cars_show(tmp_path: Path, capsys: pytes
     assert changed.mean() > 0.002
     assert abs(columns.mean() - 600) < 40  # straight ahead
     assert rows.min() > 300  # below the horizon
-
-
-def test_views_look_along_lanes_and_lie_apart(town: Path) -> None:
-    scene = loaded(read_stage(town, range(1), ["sunny"]), "cpu", [0])
-    views = choose_views(scene, LaneGraph(ring_lanes()))
-    assert len(views) == 2
-    for x, y, z, yaw in views:
-        assert np.hypot(x, y) == pytest.approx(30.0, abs=0.05)
-        assert z == pytest.approx(2.4)
-        ahead = np.degrees(np.arctan2(x, -y))
-        assert abs((yaw - ahead + 180) % 360 - 180) < 2.5
-    around = choose_views(scene, None)
-    assert len(around) == 3
-    for x, y, z, yaw in around:
-        assert z == pytest.approx(2.4 - 0.2)
-        assert abs((yaw - np.degrees(np.arctan2(-y, -x)) + 180) % 360 - 180) < 20.0
 
 
 def test_scenarios_of_a_town_are_those_of_its_configurations() -> None:

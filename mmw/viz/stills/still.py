@@ -20,7 +20,8 @@ from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views, view_keys
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.viz.stills.renderer import StillRenderer, follow_view, load_renderer, street_camera
-from mmw.viz.stills.town_gallery import FOV_DEG, choose_views, selected_weather, view_direction
+from mmw.viz.stills.street_views import FOV_DEG, choose_views, view_direction
+from mmw.viz.stills.town_gallery import selected_weather
 from mmw.worlds.checks.check import stage_path
 from mmw.worlds.checks.stage_model import open_stage_model
 
