@@ -18,6 +18,7 @@ HELP = {
     "regenerate": "generate rows of a dataset again, from its stored configuration",
     "export": "write a dataset in another format: OPV2V, nuScenes, KITTI and others",
     "import": "convert a world to a town: Mitsuba, OpenDRIVE, OSM (extra author), glTF, OBJ, PLY, STL or USD",
+    "twin": "make a world that runs from an OpenStreetMap extract (extras author, osm, plot)",
     "radiomap": "trace path gain, RSS and SINR over the roads (its picture needs the extra plot)",
     "town": "build, check and draw towns (building needs the extra author, drawing plot)",
     "view": "open a dataset in the Rerun viewer (needs the extra viz), or draw one picture without a run",

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from dataclasses import dataclass
 from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,23 @@ class FirstScenario:
     """Foot of the roadside unit [m]; None if there is no place for one, or the extra `author` is not installed."""
     yaw: float
     """Its direction, to the center [deg]."""
+
+    def entry(self, name: str, town: str) -> dict[str, Any]:
+        """Return the entry of `scenarios` in a configuration.
+
+        Args:
+            name: Name of the scenario.
+            town: Path of the town.
+        """
+        traffic = {
+            "vehicle_count": self.vehicles,
+            "spawn_center_m": list(self.center),
+            "cav_ranks": list(range(self.cavs)),
+        }
+        if self.mast is None:
+            return {"name": name, "town": town, "traffic": traffic}
+        unit = {"name": "rsu_1", "position_m": list(self.mast), "yaw_deg": self.yaw}
+        return {"name": name, "town": town, "traffic": traffic, "rsus": [unit]}
 
 
 def first_scenario(scene: ImportedScene) -> FirstScenario | None:

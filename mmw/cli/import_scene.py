@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import yaml
+
 from mmw.cli.command import run_command
 from mmw.cli.first_scenario import first_scenario
 from mmw.core.errors import InputError
@@ -24,6 +26,11 @@ MAX_HEIGHT_M = 500.0
 
 def main(argv: Sequence[str], prog: str = "mmw import") -> int:
     """Run `mmw import` and return its exit code."""
+    return run_command(import_parser(prog), _import, argv, intermixed=True)
+
+
+def import_parser(prog: str) -> argparse.ArgumentParser:
+    """Return the parser of the command's options."""
     parser = argparse.ArgumentParser(
         prog=prog,
         description="Convert a scene of another tool to a USD town asset, and print its contents and the next step.",
@@ -65,7 +72,7 @@ def main(argv: Sequence[str], prog: str = "mmw import") -> int:
     )
     parser.add_argument("--traffic", action="store_true", help="give the roads of an OpenStreetMap extract lanes")
     parser.add_argument("--overwrite", action="store_true", help="replace an asset that is there")
-    return run_command(parser, _import, argv, intermixed=True)
+    return parser
 
 
 def _import(arguments: argparse.Namespace) -> None:
@@ -92,6 +99,22 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     Raises:
         InputError: If the file, an option or the material map cannot be used, or a file would be replaced.
     """
+    scene, name = read_world(arguments)
+    path = write_scene(scene, arguments.out, name, overwrite=arguments.overwrite)
+    return [*describe(scene), *next_step(scene, path)]
+
+
+def asset_name(source: Path) -> str:
+    """Return the name of the asset that a file becomes."""
+    return identifier(source.name.split(".")[0])
+
+
+def read_world(arguments: argparse.Namespace) -> tuple[ImportedScene, str]:
+    """Return the world that the arguments of the command ask for, ready to be written, and the name of its asset.
+
+    Raises:
+        InputError: If a file, an option or the material map cannot be used, or a file would be replaced.
+    """
     source = arguments.file
     if source is None or arguments.out is None:
         raise InputError("import: FILE and --out are needed; give both, or --list")
@@ -107,7 +130,7 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     if arguments.seed is not None and not (arguments.buildings and arguments.seed >= 0):
         raise InputError(f"import: --seed {arguments.seed}: goes with --buildings and is 0 or more; correct it")
     mix = load_mix(arguments.buildings, arguments.seed) if arguments.buildings else None
-    name = identifier(source.name.split(".")[0])
+    name = asset_name(source)
     if {path.resolve() for path in sources} & set(asset_files(arguments.out, name)):
         raise InputError(f"{source}: --out would replace the file that is imported; give another --out")
     entries = load_material_map(arguments.materials) if arguments.materials else {}
@@ -121,8 +144,7 @@ def import_file(arguments: argparse.Namespace) -> list[str]:
     scene = apply_material_map(str(source), scene, entries)
     if mix is not None:
         scene = load_reference("mmw.worlds.importers.blocks.fill_blocks:fill_blocks")(str(source), scene, mix)
-    path = write_scene(scene, arguments.out, name, overwrite=arguments.overwrite)
-    return [*describe(scene), *next_step(scene, path)]
+    return scene, name
 
 
 def _sources(paths: list[Path]) -> list[Path]:
@@ -185,25 +207,16 @@ def next_step(scene: ImportedScene, path: Path) -> list[str]:
     lines = [f"wrote {path}", f"next: mmw town check {path}"]
     first = first_scenario(scene)
     if first is not None:
-        ranks = ", ".join(map(str, range(first.cavs)))
-        lines += ["  scenarios:", f"    - name: {path.stem}", f"      town: {path}"]
-        lines += [
-            f"      traffic: {{vehicle_count: {first.vehicles}, spawn_center_m: [{_triple(first.center)}], "
-            f"cav_ranks: [{ranks}]}}"
-        ]
+        entry = yaml.safe_dump([first.entry(path.stem, str(path))], default_flow_style=None, sort_keys=False)
+        lines += ["  scenarios:", *(f"    {line}" for line in entry.splitlines())]
         if first.mast is None:
-            return [*lines, "note: no place for a roadside unit was found (needs the extra author); give `rsus` one"]
-        mast = f"{{name: rsu_1, position_m: [{_triple(first.mast)}], yaw_deg: {first.yaw:g}}}"
-        return [*lines, f"      rsus: [{mast}]  # beside the road"]
+            lines += ["note: no place for a roadside unit was found (needs the extra author); give `rsus` one"]
+        return lines
     start, traffic = (*(0.5 * (low + high))[:2], low[2]), "engine: replay, trajectories: drives.csv"
     if scene.lanes is None:
         lines += ["no lanes, so no simulated traffic: refer to it from an animated stage (docs/guides/import.md), or"]
     else:
         lines += ["no lane is long enough for simulated traffic (21 m are needed); trajectories can be replayed:"]
-    center = _triple(tuple(float(round(value)) for value in start))
+    center = ", ".join(f"{round(value)}" for value in start)
     lines += ["  scenarios:", f"    - name: {path.stem}", f"      town: {path}"]
     return [*lines, f"      traffic: {{{traffic}, spawn_center_m: [{center}]}}"]
-
-
-def _triple(point: Sequence[float]) -> str:
-    return ", ".join(f"{value:g}" for value in point)

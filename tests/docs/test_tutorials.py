@@ -34,6 +34,7 @@ NOT_RUN = {
     "guides/materials.md": 0,
     "guides/own-town.md": 1,
     "guides/own-sensor.md": 1,
+    "guides/twin.md": 1,
 }
 """Page -> blocks that are not run; each has a reason."""
 
@@ -113,6 +114,11 @@ def test_tutorials_of_town_and_sensors(tmp_path: Path) -> None:
     """The second continues in the folder of the first."""
     run_page(DOCS / "guides" / "own-town.md", tmp_path)
     run_page(DOCS / "guides" / "own-sensor.md", tmp_path)
+
+
+@pytest.mark.slow
+def test_a_twin_of_a_made_up_crossing(tmp_path: Path) -> None:
+    run_page(DOCS / "guides" / "twin.md", tmp_path)
 
 
 @pytest.mark.filterwarnings(
