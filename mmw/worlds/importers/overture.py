@@ -21,7 +21,7 @@ from mmw.worlds.importers.osm.feature import Extract, Feature, polygonal
 from mmw.worlds.importers.osm.ground import build_ground, plan_ground
 from mmw.worlds.importers.osm.materials import Palette
 from mmw.worlds.importers.osm.quarter import build_quarter
-from mmw.worlds.importers.osm.xml import MAX_EXTENT
+from mmw.worlds.importers.osm.xml import MAX_EXTENT, check_tags
 
 TAGS = {
     "class": "building", "height": "height", "min_height": "min_height", "num_floors": "building:levels",
@@ -78,7 +78,9 @@ def read_overture(path: str | Path, *, parts: str = "") -> ImportedScene:
     for name, tags, area in rows:
         plan = polygonal(shapely.transform(shapely.force_2d(area), place))
         if plan is not None:
-            extract.ways.append(Feature(name, tags, np.zeros((0, 2)), plan))
+            building = Feature(name, tags, np.zeros((0, 2)), plan)
+            check_tags(building, path)
+            extract.ways.append(building)
     return _build(extract)
 
 

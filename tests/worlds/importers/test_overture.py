@@ -85,6 +85,8 @@ def test_faults_name_column_and_cure(tmp_path: Path):
     refused(r"geometry reaches from 1000000.0, 6000000.0 .*degrees are needed", [mercator])
     far = {"id": "b", "geometry": box(40_000, 0, 10, 10)}
     refused(r"40.\d km wide; 20 km or less are needed; cut out an area", [HOUSES[0], far])
+    tall = {"id": "c", "geometry": box(0, 0, 10, 10), "height": 1e12}
+    refused(r"height = '1000000000000.0'; -100 to 2000 is needed", [HOUSES[0], tall])
     crs = {
         "primary_column": "geometry",
         "columns": {"geometry": {"encoding": "WKB", "crs": {"id": {"authority": "EPSG", "code": 3857}}}},

@@ -66,7 +66,7 @@ def read_extract(
     _cut_at_bounds(extract, None if bounds is None else outline(bounds, place))
     every = (*extract.points, *extract.ways, *extract.relations)
     for feature in every:
-        _check_tags(feature, path)
+        check_tags(feature, path)
     ends = [f.xy for f in extract.ways if len(f.xy) and f.tags]
     ends += [np.reshape(f.area.bounds, (2, 2)) for f in every if f.area is not None and f.tags]
     size = np.ptp(np.concatenate(ends), axis=0).max() if ends else 0.0
@@ -211,7 +211,7 @@ def length_m(text: str | None) -> float | None:
     return None if found is None else float(found[1]) * 0.3048 + float(found[2] or 0) * 0.0254
 
 
-def _check_tags(feature: Feature, path: Path) -> None:
+def check_tags(feature: Feature, path: Path) -> None:
     """Raise InputError for a tag that no building or street has."""
     for key, (read, low, high) in LIMITS.items():
         text = feature.tags.get(key)
