@@ -16,6 +16,8 @@ MAX_OFFSET = 10e3
 ROOTS = {"fcd-export": "SUMO's floating-car data", "commonRoad": "a CommonRoad scenario"}
 """Root element -> format."""
 
+CURE = "correct it, or remove the obstacle"
+
 
 def open_packed(path: Path) -> gzip.GzipFile | io.BufferedReader:
     """Open a file that may be compressed by gzip."""
@@ -72,7 +74,7 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
         root = ElementTree.parse(file).getroot()
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
-    step = _float(root.get("timeStepSize"), f"{path}: <commonRoad> timeStepSize")
+    step = read_number(root.get("timeStepSize"), f"{path}: <commonRoad> timeStepSize")
     vague, (x0, y0) = 0, lanelet_origin(root).tolist()
     for obstacle in (*root.findall("dynamicObstacle"), *root.findall("obstacle")):
         if obstacle.findtext("role", "dynamic").strip() != "dynamic":
@@ -87,14 +89,14 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
         for state in states:
             at = f"{where} <{state.tag}>"
             rows["t"].append(step * _exact(state, "time", at))
-            rows["x"].append(-x0 + _float(state.findtext("position/point/x"), f"{at} position/point/x"))
-            rows["y"].append(-y0 + _float(state.findtext("position/point/y"), f"{at} position/point/y"))
+            rows["x"].append(-x0 + read_number(state.findtext("position/point/x"), f"{at} position/point/x"))
+            rows["y"].append(-y0 + read_number(state.findtext("position/point/y"), f"{at} position/point/y"))
             is_turned = state.find("orientation") is not None
             rows["heading"].append(_exact(state, "orientation", at) if is_turned else np.nan)
             rows["id"].append(name)
             rows["type"].append(obstacle.findtext("type", "").strip())
             for key, text in zip(("length", "width"), size, strict=True):
-                rows[key].append(0.0 if text is None else _float(text, f"{where} shape/rectangle/{key}"))
+                rows[key].append(0.0 if text is None else read_number(text, f"{where} shape/rectangle/{key}"))
     if not rows["t"]:
         raise InputError(
             f"{path}: <commonRoad> has no dynamic obstacle with points as places ({vague} have areas or no trajectory);"
@@ -124,16 +126,24 @@ def _exact(state: ElementTree.Element, name: str, where: str) -> float:
     """Return an exact value, or the middle of an interval."""
     ends = [state.findtext(f"{name}/{key}") for key in ("intervalStart", "intervalEnd")]
     if None not in ends:
-        return sum(0.5 * _float(end, f"{where} {name}") for end in ends)
-    return _float(state.findtext(f"{name}/exact"), f"{where} {name}/exact")
+        return sum(0.5 * read_number(end, f"{where} {name}") for end in ends)
+    return read_number(state.findtext(f"{name}/exact"), f"{where} {name}/exact")
 
 
-def _float(text: str | None, where: str) -> float:
+def read_number(text: str | None, where: str, cure: str = CURE) -> float:
+    """Return the number in an element.
+
+    Raises:
+        InputError: If there is no element (None), or its text is no number below 1e9 in size.
+    """
     try:
-        return float(text or "")
+        value = float(text or "")
     except ValueError:
+        value = np.nan
+    if not abs(value) < 1e9:
         found = "is missing" if text is None else f"is {text.strip()[:40]!r}"
-        raise InputError(f"{where} {found}; a number is needed; correct it, or remove the obstacle") from None
+        raise InputError(f"{where} {found}; a number is needed; {cure}")
+    return value
 
 
 def _table(rows: dict[str, list]) -> pa.Table:

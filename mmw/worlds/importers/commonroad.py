@@ -14,7 +14,7 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.traffic.polyline import arc_length, sample_polyline
-from mmw.traffic.replay.xml_tables import lanelet_origin
+from mmw.traffic.replay.xml_tables import lanelet_origin, read_number
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MAX_COORDINATE_M, identifier
@@ -128,7 +128,7 @@ def _lanelets(root: ElementTree.Element, path: Path, origin: np.ndarray) -> dict
         limits = [speeds[ref] for sign in element.findall("trafficSignRef") if (ref := sign.get("ref", "")) in speeds]
         text = element.findtext("speedLimit")
         if text is not None:
-            limits.append(_float(text, f"{where} speedLimit"))
+            limits.append(read_number(text, f"{where} speedLimit", CURE))
         found[name] = _Lanelet(
             name, left, right,
             frozenset((each.text or "").strip() for each in element.findall("laneletType")),
@@ -148,7 +148,7 @@ def _signs(root: ElementTree.Element, path: Path) -> dict[str, float]:
             value = each.findtext("additionalValue")
             if each.findtext("trafficSignID", "").strip() in SPEED_SIGNS and value is not None:
                 where = f"{path}: <trafficSign id={sign.get('id', '')[:40]!r}> additionalValue"
-                found[sign.get("id", "")] = _float(value, where)
+                found[sign.get("id", "")] = read_number(value, where, CURE)
     return found
 
 
@@ -156,24 +156,13 @@ def _bound(lanelet: ElementTree.Element, side: str, where: str) -> np.ndarray:
     """Return the points of a bound without repeated ones [m], shape [N, 2], N >= 2."""
     points = np.array(
         [
-            [_float(point.findtext(axis), f"{where} {side} point {number} {axis}") for axis in "xy"]
+            [read_number(point.findtext(axis), f"{where} {side} point {number} {axis}", CURE) for axis in "xy"]
             for number, point in enumerate(lanelet.findall(f"{side}/point"))
         ]
     ).reshape(-1, 2)
     if len(points) < 2:
         raise InputError(f"{where} {side} has {len(points)} points; at least two are needed; {CURE}")
     return points
-
-
-def _float(text: str | None, where: str) -> float:
-    try:
-        value = float(text or "")
-    except ValueError:
-        value = np.nan
-    if not abs(value) < 1e9:
-        found = "is missing" if text is None else f"is {text.strip()[:40]!r}"
-        raise InputError(f"{where} {found}; a number is needed; {CURE}")
-    return value
 
 
 def _mark_junctions(root: ElementTree.Element, lanelets: dict[str, _Lanelet]) -> None:
