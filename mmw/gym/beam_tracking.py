@@ -71,9 +71,6 @@ class BeamTracking(LiveEnv):
             InputError: If the configuration cannot be stepped, is too short, or has no such agents.
         """
         self.link = RadioLink() if link is None else link
-        taken = sorted({"beam", "snr_db", "position", "velocity"} & set(extra or {}))
-        if taken:
-            raise InputError(f"extra = {taken[0]!r}: the environment has an observation of this name; choose another")
         super().__init__(
             config,
             overrides=overrides,

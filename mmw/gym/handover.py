@@ -77,9 +77,6 @@ class Handover(LiveEnv):
         step_s = frames_per_step * FRAME_DT
         if not 0.0 <= interruption_s <= step_s:
             raise InputError(f"interruption_s = {interruption_s}; 0 to one step, {step_s:g} s, is needed")
-        taken = sorted({"serving", "snr_db", "position", "velocity"} & set(extra or {}))
-        if taken:
-            raise InputError(f"extra = {taken[0]!r}: the environment has an observation of this name; choose another")
         self._lost = interruption_s / step_s
         super().__init__(
             config,

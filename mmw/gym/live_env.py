@@ -69,14 +69,18 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
         self._stride, self._max_start = frames_per_step, max_start
         self._extra, self._drive = dict(extra or {}), drive
         self.frame: Frame = self._simulation.reset()
+        own = self._spaces()
         try:
             self._check_agents()
+            for name in self._extra:
+                if name in own:
+                    raise InputError(
+                        f"extra = {name!r}: the environment has an observation of this name; choose another"
+                    )
         except InputError:
             self._simulation.close()
             raise
-        self.observation_space = spaces.Dict(
-            {**self._spaces(), **{name: space for name, (space, _) in self._extra.items()}}
-        )
+        self.observation_space = spaces.Dict({**own, **{name: space for name, (space, _) in self._extra.items()}})
 
     def _check_agents(self) -> None:
         for name in (self.agent, *self.peers):

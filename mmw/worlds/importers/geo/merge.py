@@ -14,7 +14,7 @@ from mmw.worlds.importers.geo.drape import stand
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.osm.buildings import find_bodies
 from mmw.worlds.importers.osm.feature import Extract, Feature, is_building
-from mmw.worlds.importers.osm.ground import WIDTH, area_kind, strips
+from mmw.worlds.importers.osm.ground import WIDTH, add_areas, strips
 from mmw.worlds.importers.osm.materials import Palette
 from mmw.worlds.importers.osm.quarter import build_quarter
 from mmw.worlds.importers.osm.read_osm import NOTICE, WATER, place_trees
@@ -193,10 +193,7 @@ def _regions(extract: Extract, corridor: shapely.Geometry) -> list[Region]:
         if way.tags.get("tunnel", "no") == "no" and way.tags.get("indoor", "no") == "no":
             for kind, area in strips(way):
                 found[kind].append(area)
-    for feature in (*extract.ways, *extract.relations):
-        kind = area_kind(feature.tags)
-        if feature.area is not None and kind:
-            found[kind].append(feature.area)
+    add_areas(extract, found)
     taken = shapely.buffer(corridor, 0.0)
     regions = []
     for kind, areas in found.items():

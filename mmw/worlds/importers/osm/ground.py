@@ -93,10 +93,7 @@ def plan_ground(
                 continue
         for kind, area in strips(way):
             found[kind].append(area)
-    for feature in (*extract.ways, *extract.relations):
-        kind = area_kind(feature.tags)
-        if feature.area is not None and kind:
-            found[kind].append(feature.area)
+    add_areas(extract, found)
     if not buildings and all(area.is_empty for kind in ("road", "walk") for area in found[kind]) and not lanes:
         raise InputError(
             f"{extract.path}: holds neither buildings nor roads; an extract with them is needed; choose another area"
@@ -113,6 +110,14 @@ def plan_ground(
 
 def _union(areas: list[shapely.Geometry]) -> shapely.MultiPolygon:
     return shapely.MultiPolygon(polygons_of(shapely.union_all(areas, grid_size=GRID), 0.0))
+
+
+def add_areas(extract: Extract, found: Mapping[str, list[shapely.Geometry]]) -> None:
+    """Add the areas of an extract that are ground of a kind, such as parks and waters, to those found before."""
+    for feature in (*extract.ways, *extract.relations):
+        kind = area_kind(feature.tags)
+        if feature.area is not None and kind:
+            found[kind].append(feature.area)
 
 
 def strips(way: Feature) -> list[tuple[str, shapely.Geometry]]:
