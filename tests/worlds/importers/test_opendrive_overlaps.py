@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import shapely
 
+from mmw.core.mesh import TriangleMesh
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
-from mmw.worlds.importers.opendrive.overlaps import carriageways, cut_overlaps, pave_gaps
+from mmw.worlds.importers.opendrive.curbs import SLAB, Sheets, close_edges
+from mmw.worlds.importers.opendrive.overlaps import CRACK, carriageways, cut_overlaps, pave_gaps
 from mmw.worlds.importers.opendrive.road_surface import Sheet
 from mmw.worlds.towns.plan_geometry import twice_areas
 from tests.fixtures.xodr_files import Plan, document, lane, mark, read_xodr, road, section
@@ -77,6 +79,31 @@ def test_gap_under_a_lane_is_paved() -> None:
     half = 1.75 + 0.05
     wedge = shapely.Polygon([(0, -2), (1.2, 2), (0, 2)]).intersection(shapely.box(-20, -half, 20, half))
     assert area(gaps) == pytest.approx(wedge.area, abs=0.01)
+
+
+@pytest.mark.parametrize("end", [0.0, 0.0007])
+def test_crack_of_a_millimeter_where_lanes_meet_is_paved(end: float) -> None:
+    """Both roads are within 2 mm of the ends of the lanes, and one joint lies in the crack."""
+    west, east = sheet("west", rectangle(-20, -2, 20, 4)), sheet("east", rectangle(0.0014, -2, 20, 4))
+    lines = [np.column_stack([x, np.zeros(31), np.zeros(31)]) for x in np.linspace([-15.0, end], [end, 15.0], 31).T]
+    lanes = [Lane("a", lines[0], 3.5, 10.0, successors=("b",)), Lane("b", lines[1], 3.5, 10.0)]
+    gaps = pave_gaps(LaneGraph({lane.name: lane for lane in lanes}), carriageways([west, east], CRACK))
+    assert gaps is not None
+    cut_overlaps([west, east, gaps], gaps)
+    x, y = np.meshgrid(np.linspace(0.0, 0.0014, 15), np.linspace(-1.75, 1.75, 15))
+    points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+    assert not np.isnan(carriageways([west, east, gaps], 1e-6).nearest(points)).any()
+
+
+def test_edge_beside_a_sliver_of_the_same_sheet_has_no_side() -> None:
+    """A square with a strip of 2 mm along one side, whose corners it does not share: sides under the outline only."""
+    one, strip = sheet("one", rectangle(0, 0, 10, 10)).surface, rectangle(-0.002, 0, 0.002, 5)
+    for shift in (0.0, 5.0):
+        index = one.add_points(np.array(strip) + np.array([0.0, shift, 0.0]))
+        one.add_faces("asphalt", index[[[0, 1, 2], [0, 2, 3]]])
+    close_edges(one, Sheets([one]))
+    sides = TriangleMesh(np.concatenate(one.points), np.concatenate(one.faces["soil"]))
+    assert sides.areas.sum() == pytest.approx(SLAB * (2 * 10.0 + 2 * 10.002))
 
 
 def test_lane_ends_where_it_is_too_narrow(tmp_path: Path) -> None:

@@ -12,6 +12,8 @@ TOUCH = 1e-3
 """Faces within this distance in plan count as touching a point [m]."""
 STEP = 0.02
 """Smaller steps between neighboring sheets stay open [m]."""
+NEAR = 2e-4
+"""An edge with a face of its height this far beside it lies within a sheet [m]; cut pieces lie on a grid of 1e-5 m."""
 REACH = 1.0
 """Sheets farther above or below an edge have nothing to do with it [m]."""
 
@@ -28,15 +30,21 @@ class Sheets:
         triangles = np.concatenate(corners)
         self._faces = PlanFaces(triangles[twice_areas(triangles) > 1e-7])
 
-    def hits(self, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return all faces over points [N, 2]: index of the point, shape [H], and height of the face there, [H]."""
-        query, (p, q), z = self._faces.hits(xy, self._touch)
+    def hits(self, xy: np.ndarray, touch: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return all faces over points [N, 2]: index of the point, shape [H], and height of the face there, [H].
+
+        Faces within `touch` [m] in plan count as over a point, the distance of the sheets if it is None.
+        """
+        query, (p, q), z = self._faces.hits(xy, self._touch if touch is None else touch)
         inside = (p > -0.5) & (q > -0.5) & (p + q < 1.5)  # a sliver must not be extended to far heights
         return query[inside], z[inside]
 
-    def nearest(self, points: np.ndarray, reach: float = REACH) -> np.ndarray:
-        """Return the height of the face nearest in height to each point [N, 3], NaN beyond `reach` [m], shape [N]."""
-        query, z = self.hits(points[:, :2])
+    def nearest(self, points: np.ndarray, reach: float = REACH, touch: float | None = None) -> np.ndarray:
+        """Return the height of the face nearest in height to each point [N, 3], NaN beyond `reach` [m], shape [N].
+
+        `touch` is that of `hits`.
+        """
+        query, z = self.hits(points[:, :2], touch)
         return _closest(query, z, points[:, 2], reach)
 
     def below(self, points: np.ndarray, reach: float = REACH) -> np.ndarray:
@@ -86,11 +94,13 @@ def close_edges(surface: Surface, sheets: Sheets, raised: str = "curb", side: st
     a, b = points[edges[:, 0]], points[edges[:, 1]]
     step = b[:, :2] - a[:, :2]
     length = np.maximum(np.linalg.norm(step, axis=1), 1e-9)
-    beside = 0.5 * (a + b)
-    beside[:, :2] += 0.01 * np.column_stack([step[:, 1], -step[:, 0]]) / length[:, None]
+    middle = 0.5 * (a + b)
+    right = np.column_stack([step[:, 1], -step[:, 0], np.zeros(len(step))]) / length[:, None]
+    beside = middle + 0.01 * right
     found = sheets.nearest(beside, 0.5)
     drop = beside[:, 2] - found
     alone, kerb = np.isnan(found), drop > STEP
+    alone[alone] = np.isnan(sheets.nearest((middle + NEAR * right)[alone], STEP, touch=0.0))
     for mask, material in ((alone, side), (kerb, raised)):
         if not mask.any():
             continue
