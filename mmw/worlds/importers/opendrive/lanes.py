@@ -13,6 +13,7 @@ from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.checks.lane_graph import misfit
 from mmw.worlds.importers.mesh_cleanup import identifier
 from mmw.worlds.importers.opendrive.cross_section import RoadShape
+from mmw.worlds.importers.opendrive.crossings import join_crossings
 from mmw.worlds.importers.opendrive.curbs import Sheets
 from mmw.worlds.importers.opendrive.document import Document
 from mmw.worlds.importers.opendrive.lane_links import DRIVEN, End, find_joints, lost_junctions
@@ -107,11 +108,12 @@ def build_lanes(
     if count := sum(limit == 0.0 for limit in limits.values()):
         notes.append(f"{count} of {len(chains)} lanes have no speed limit; {DEFAULT_SPEED * 3.6:.0f} km/h assumed")
     first = {high for junction in document.junctions.values() for high, _ in junction.priorities}
-    lanes = {}
+    lanes, ranks = {}, {}
     for chain in chains:
         left, right = _beside(chain, place)
         junction = chain.shape.road.junction
         rank = 10 * (1 + (chain.shape.road.id in first)) + _rank(points[chain.name], chain.shape.road.is_left_hand)
+        ranks[chain.name] = rank
         lanes[chain.name] = Lane(
             chain.name,
             points[chain.name],
@@ -123,8 +125,9 @@ def build_lanes(
             "" if junction else left,
             "" if junction else right,
         )
-    graph = LaneGraph(_true_neighbors(lanes))
-    return graph, [*notes, *describe_graph(graph)]
+    lanes, crossings = join_crossings(_true_neighbors(lanes), ranks)
+    graph = LaneGraph(lanes)
+    return graph, [*notes, *crossings, *describe_graph(graph)]
 
 
 def _true_neighbors(lanes: dict[str, Lane]) -> dict[str, Lane]:
