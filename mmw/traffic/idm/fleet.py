@@ -16,11 +16,14 @@ from mmw.traffic.spawn import RUN_OUT, BlockedPointError, Places, SpawnPoint, St
 from mmw.traffic.speed_profile import speed_limit
 from mmw.traffic.vehicle_pose import MAX_STEER, Shape, Stance, Track, follow_line, place_on_ground
 
-SLOWEST = 2.5
-"""A CAV whose way ends before the scenario drives at least this fast [m/s]; design value, as in a car park."""
+SLOWEST = 1.5
+"""A CAV whose way ends before the scenario drives at least this fast [m/s]; design value, a walking pace."""
 
 UNHURRIED = 0.8
 """Share of a CAV's time to the end of the network that it may use: it brakes before the end; design value."""
+
+NOWHERE = "the lane leads nowhere"
+"""Why no route begins on a lane from which no other lane or exit can be reached."""
 
 
 class Fleet:
@@ -43,8 +46,8 @@ class Fleet:
         self.usable = self.network.usable
         self.places = Places(graph)
         self.adjacent = AdjacentLanes(graph)
-        self.closed: set[tuple[str, str]] = set()
-        """(model, lane) pairs that the model cannot drive without leaving the road."""
+        self.closed: dict[tuple[str, str], str] = {}
+        """(model, lane) pairs that the model cannot drive without leaving the road, and why."""
         self.closed_to_cavs: set[tuple[str, str]] = set()
         """The same for what does not last long enough for a CAV."""
         self.stay = self._time_to_stay()
@@ -175,7 +178,7 @@ class Fleet:
         at the speed limits [s], which is 0 for others.
         `drive` returns a stance; or None, the index of the lane that fails (negative before `first`), and why.
         """
-        why = "the lane leads nowhere"
+        why = self.closed.get((shape.name, first), NOWHERE)
 
         def is_open(name: str) -> bool:
             is_closed = (shape.name, name) in self.closed or (stay > 0.0 and (shape.name, name) in self.closed_to_cavs)
@@ -189,14 +192,17 @@ class Fleet:
             lanes = [self.graph.lanes[name] for name in names]
             is_short = sum(lane.plan_length for lane in lanes[1:]) < need and self.network.ends_well
             if is_short and not (names[-1] in self.network.exits and lasts(names)):
-                (self.closed_to_cavs if stay > 0.0 else self.closed).add((shape.name, names[-1]))
+                if stay > 0.0:
+                    self.closed_to_cavs.add((shape.name, names[-1]))
+                else:
+                    self.closed[shape.name, names[-1]] = NOWHERE
                 continue
             stance, culprit, why = drive(lanes)
             if stance is not None:
                 return stance, ""
             if culprit < 0:
                 break
-            self.closed.add((shape.name, names[culprit]))
+            self.closed[shape.name, names[culprit]] = why
         return None, why
 
     def _drive(

@@ -113,3 +113,22 @@ def test_models_are_those_that_the_configuration_names(star: LaneGraph) -> None:
     assert {track.model for track in some.tracks} == {"suv", "van"}
     with pytest.raises(InputError, match="models holds 'tank': there are the vehicle models box_truck"):
         simulate_idm(demand(star, surface(star), models=("tank",)))
+
+
+def test_cav_on_a_short_road_drives_to_the_last_frame() -> None:
+    """Ten seconds on 50 m, from the middle: at 2.5 m/s it would have to wait at the end."""
+    graph = make_town({"A": (0.0, 0.0), "B": (74.0, 0.0)}, [("A", "B", 1, True, [], 0)])
+    options = {"frame_count": 1000, "vehicle_count": 1, "cav_ranks": (0,), "spawn_center_m": (34.6, 0.0, 0.0)}
+    (cav,) = simulate_idm(demand(graph, surface(graph), **options)).tracks
+    speed = 100.0 * np.linalg.norm(np.diff(cav.poses[:, :2], axis=0), axis=1)
+    assert cav.role == "cav" and speed[-1] > 1.0
+
+
+def test_reason_of_a_lane_that_no_body_can_drive_is_told() -> None:
+    """The road is cut in two: a wheel leaves it, also where the route of a CAV has been tried before."""
+    graph = make_town({"A": (0.0, 0.0), "B": (74.0, 0.0)}, [("A", "B", 1, True, [], 0)])
+    points, faces = surface(graph)
+    kept = np.abs(points[faces].mean(axis=1)[:, 0] - 50.0) > 3.0
+    options = {"vehicle_count": 1, "cav_ranks": (0,), "spawn_center_m": (34.6, 0.0, 0.0)}
+    with pytest.raises(InputError, match="a wheel leaves the drivable surface"):
+        simulate_idm(demand(graph, (points, faces[kept]), **options))

@@ -14,6 +14,7 @@ from mmw.__main__ import main
 from mmw.traffic.roads.lane_graph import Lane
 from mmw.worlds.checks.check import Report, check_stage
 from mmw.worlds.checks.findings import Finding, merge_spots
+from mmw.worlds.checks.road import _banks
 from tests.fixtures.circuit import RADIUS_M, add_block, add_thing, on_ring, ring_lanes, shown_material, write_circuit
 from tests.fixtures.stages import add_box, add_polygons, animate, new_stage
 from tests.fixtures.stages import label as set_label
@@ -216,6 +217,17 @@ def test_a_lane_off_the_road_is_told(tmp_path: Path) -> None:
     found = of_rule(check_lanes(tmp_path, **lanes), "height")
     assert found
     assert "-5.0 cm" in found[0].message
+
+
+def test_bank_is_what_most_probes_of_a_section_tell() -> None:
+    """A bank of 0.1, a kerb of 0.14 m under the two outer probes, a step of 5 cm under all, and no fault at all."""
+    offset = np.tile(np.arange(-1.5, 1.75, 0.25), 4)
+    section = np.repeat(np.arange(4), 13)
+    off = np.select(
+        [section == 0, section == 1, section == 2], [0.1 * offset, 0.14 * (offset > 1.1), 0.05], 0.03 * offset
+    )
+    bank = _banks(off, offset, section, (np.abs(off) > 0.04) & (section < 3))
+    np.testing.assert_allclose(bank[::13], [0.1, 0.0, 0.0, 0.0], atol=1e-12)
 
 
 def test_a_steep_lane_is_an_error(tmp_path: Path) -> None:

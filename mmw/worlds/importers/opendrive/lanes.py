@@ -208,7 +208,7 @@ class Course:
     points: np.ndarray
     """Center line [m], shape [N, 3]; none if no part is."""
     width: float
-    """Least width [m]."""
+    """Least width in plan [m]: a banked lane is narrower from above."""
     starts_late: bool
     """Whether it begins behind the start of the lane."""
     ends_early: bool
@@ -224,7 +224,7 @@ def _course(chain: Chain) -> Course:
         s = np.linspace(section.start, section.end, count)[1 if k else 0 :]
         inner, outer = chain.shape.borders(section, s)[lane.number]
         rows.append(chain.shape.place(s, 0.5 * (inner + outer)))
-        widths.append(np.abs(outer - inner))
+        widths.append(np.abs(outer - inner) * np.cos(chain.shape.road.superelevation.at(s)))
     points, width = np.concatenate(rows), np.concatenate(widths)
     if not chain.is_forward:
         points, width = points[::-1].copy(), width[::-1]

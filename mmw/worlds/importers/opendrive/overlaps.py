@@ -168,10 +168,10 @@ def pave_gaps(graph: LaneGraph, roads: Sheets) -> Sheet | None:
     """
     sheet, before, outlines = Sheet(PATCHES), graph.predecessors, []
     for lane in graph.lanes.values():
-        points, _ = probes(lane, is_joined=(bool(before[lane.name]), bool(lane.successors)))
+        points, _, _ = probes(lane, is_joined=(bool(before[lane.name]), bool(lane.successors)))
         ends = np.linalg.norm(points[:, None] - lane.points[[0, -1]], axis=2).min(axis=1) < 0.5 * lane.width + SEAM
         points = np.concatenate([points, *(points[ends] + step for step in NUDGES)])
-        bad = points[np.isnan(roads.nearest(points))]
+        bad = points[np.isnan(roads.nearest(points, 0.5 * OVERPASS))]  # the edges of wide banked lanes are that far off
         if len(bad):
             corners = _band(lane, bad)
             index = sheet.surface.add_points(corners.reshape(-1, 3)).reshape(-1, 4)
