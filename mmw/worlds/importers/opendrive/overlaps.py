@@ -79,7 +79,8 @@ def cut_overlaps(sheets: Sequence[Sheet], new: Sheet | None = None) -> int:
     outlines = np.atleast_1d(np.array(shapely.polygons(every[:, :, :2])))
     for loser, others in winners.items():
         _, number, material, row = owner[loser]
-        area = shapely.union_all(outlines[others]).buffer(LAP, join_style="mitre").buffer(-2 * LAP, join_style="mitre")
+        area = shapely.union_all(outlines[others], grid_size=GRID)  # a grid, as slivers without an area are invalid
+        area = area.buffer(LAP, join_style="mitre").buffer(-2 * LAP, join_style="mitre")
         rest = shapely.difference(outlines[loser], area, grid_size=GRID)
         removed[number, material].append(row)
         parts = [part for part in polygons_of(rest, 0.0) if not part.buffer(-1.5 * LAP).is_empty]
