@@ -18,6 +18,7 @@ from mmw.worlds.importers.osm.feature import Extract
 from mmw.worlds.importers.osm.ground import KERB_HEIGHT
 from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.sumo.netconvert import find_netconvert
+from mmw.worlds.importers.sumo.plan import KERB
 from tests.fixtures.meshes import area
 from tests.fixtures.osm_files import ORIGIN, Map, quarter, to_degrees
 
@@ -103,6 +104,13 @@ def test_the_ground_has_no_gaps_and_sidewalks_go_on_around_the_corner(town: Impo
     assert area(kerbs) == pytest.approx(KERB_HEIGHT * corners.buffer(1e-4).length, rel=0.01)
     pieces = shapely.get_parts(corners.buffer(0.01))
     assert sum(piece.area > 5 for piece in pieces) == 4  # one in each quarter of the crossing
+
+
+def test_inner_corners_of_the_kerb_are_round(town: ImportedScene) -> None:
+    # closing with a disc fills every inner corner of a smaller radius; 1.5 m^2 where bends end in steps
+    paved = plan_of(town, "road", "road_line")
+    filled = shapely.difference(paved.buffer(0.9 * KERB).buffer(-0.9 * KERB), paved)
+    assert shapely.intersection(filled, shapely.box(-14, -14, 14, 14)).area < 0.05
 
 
 def test_left_hand_traffic(tmp_path: Path) -> None:

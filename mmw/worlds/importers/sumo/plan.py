@@ -22,6 +22,12 @@ OFF_TRACK = 2.8
 """Half the width that they need there [m]: half a vehicle, and 6 m - sqrt(6^2 - 4^2) m for an axle distance of 4 m."""
 AROUND = 1.5
 """Half the stretch over which a bend is measured [m]; design value."""
+CORNER = 6.0
+"""Radius of the kerb around the corners of a junction [m]; design value, as netconvert is told to round them."""
+KERB = 1.0
+"""Least radius of the kerb in inner corners near junctions [m]; design value."""
+NEAR_JUNCTION = 4.0
+"""Distance from a junction where the kerb is rounded [m]; design value."""
 SEAM = 0.02
 """Sidewalks less than twice this apart are one [m]; design value."""
 MAX_HOLE = 30.0
@@ -48,19 +54,24 @@ def plan_roads(network: Network, graph: LaneGraph) -> dict[str, shapely.Geometry
     roads = [lane.points[:, :2] for lane in graph.lanes.values()]
     widths = [lane.width + 2 * GUTTER if not lane.junction else SWEPT for lane in graph.lanes.values()]
     driven = [_buffer(line, 0.5 * width) for line, width in zip(roads, widths, strict=True)]
-    driven += [_buffer(bend, OFF_TRACK) for line in roads for bend in _bends(line)]
+    driven += [shapely.LineString(bend).buffer(OFF_TRACK, quad_segs=8) for line in roads for bend in _bends(line)]
     walked, other = [], []
     for edge in network.edges.values():
         for lane in edge.lanes if not edge.function else ():
             if lane.is_walked:
                 walked.append(_buffer(rounded(lane.points), 0.5 * lane.width))
             elif not lane.is_driven:
-                other.append(_buffer(rounded(lane.points), 0.5 * lane.width + GUTTER))
+                other.append(shapely.LineString(rounded(lane.points)).buffer(0.5 * lane.width + GUTTER, quad_segs=8))
     walked += [_outline(e.lanes[0].points) for e in network.edges.values() if e.function == "walkingarea" and e.lanes]
     walk = shapely.union_all(walked)
     inside = [_outline(j.outline) for j in network.junctions.values() if len(j.outline) > 2]
     crossed = shapely.union_all([area for area in inside if not area.is_empty])
-    paved = shapely.union_all([*driven, *other, shapely.difference(crossed, walk)])
+    lanes = shapely.union_all([*driven, *other])
+    corners = shapely.difference(shapely.intersection(_closed(lanes, CORNER), crossed), walk)
+    walk = shapely.union_all([walk, *_beside(walk, shapely.difference(crossed, shapely.union(corners, lanes)))])
+    paved = shapely.union(lanes, corners)
+    kerb = shapely.intersection(_closed(paved, KERB), crossed.buffer(NEAR_JUNCTION, quad_segs=2))
+    paved = shapely.union(paved, kerb)
     paved = _filled(paved.buffer(0.2, join_style="mitre").buffer(-0.2, join_style="mitre"))
     walk = shapely.difference(walk.buffer(0.1, join_style="mitre").buffer(-0.1, join_style="mitre"), paved)
     walk = walk.buffer(-0.2, join_style="mitre").buffer(0.2, join_style="mitre")  # no strips that nobody walks on
@@ -85,6 +96,17 @@ def _bends(line: np.ndarray) -> list[np.ndarray]:
         if is_tight[run[0]] and len(run) > 1:
             found.append(line[run])
     return found
+
+
+def _closed(area: shapely.Geometry, radius: float) -> shapely.Geometry:
+    """Return an area with its inner corners rounded, and with gaps of less than twice the radius [m] filled."""
+    return area.buffer(radius, quad_segs=8).buffer(-radius, quad_segs=8)
+
+
+def _beside(walk: shapely.Geometry, areas: shapely.Geometry) -> list[shapely.Geometry]:
+    """Return the areas that border on sidewalks over at least `KERB` [m]."""
+    near = walk.buffer(SEAM, quad_segs=1)
+    return [p for p in polygons_of(areas, 0.0) if shapely.intersection(p.exterior, near).length > KERB]
 
 
 def _plain(area: shapely.Geometry) -> shapely.Geometry:
