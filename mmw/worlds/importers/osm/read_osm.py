@@ -13,6 +13,7 @@ from mmw.worlds.importers.imported_scene import ImportedMaterial, ImportedScene
 from mmw.worlds.importers.osm.bounds import read_bbox
 from mmw.worlds.importers.osm.building_overlaps import HEADROOM
 from mmw.worlds.importers.osm.buildings import Body, find_bodies
+from mmw.worlds.importers.osm.crossings import stripe_crossings
 from mmw.worlds.importers.osm.feature import Extract
 from mmw.worlds.importers.osm.ground import build_ground, plan_ground
 from mmw.worlds.importers.osm.materials import Palette
@@ -83,6 +84,11 @@ def read_osm(
     free = None if paved is None else paved.buffer(CLEAR, quad_segs=2)
     bodies, parts, apart = build_quarter(bodies, free, windows, relief.height if relief is not None else None)
     plan, more = plan_ground(extract, [body.plan for body in bodies], roads.areas if roads else None)
+    if roads:
+        asphalt = shapely.union(roads.areas["paved"], shapely.difference(plan.layers["road"], roads.areas["raised"]))
+        stripes, striped = stripe_crossings(extract, asphalt, roads.crossings)
+        plan.layers["paint"] = shapely.union(plan.layers["paint"], stripes)
+        more += [f"{striped} crossings of the map have stripes besides"] * bool(striped)
     ground = build_ground(plan)
     trees = place_trees(extract, bodies, paved)
     lights: list[MeshPart] = []

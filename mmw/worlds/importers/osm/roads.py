@@ -50,7 +50,7 @@ def road_elements(extract: Extract) -> tuple[ElementTree.Element, list[str]]:
     ids = _Numbers(extract)
     made = ElementTree.Element("osm", {"version": "0.6"})
     ways, used, pieces_of = [], {}, {}
-    driven = [(way, tags) for way in root.findall("way") if has_lanes(tags := _tags_of(way)) and _is_present(way)]
+    driven = [(way, tags) for way in root.findall("way") if has_lanes(tags := tags_of(way)) and is_present(way)]
     above = _on_other_levels(driven, extract)
     notes = []
     if above:
@@ -77,13 +77,13 @@ def road_elements(extract: Extract) -> tuple[ElementTree.Element, list[str]]:
         node = ElementTree.SubElement(made, "node", {"id": ids.of(ref, "node"), "version": "1"})
         node.attrib |= {"lat": f"{lat:.10f}", "lon": f"{lon:.10f}"}
         if ref in nodes:
-            _add_tags(node, _tags_of(nodes[ref]))
+            _add_tags(node, tags_of(nodes[ref]))
     made.extend(ways)
     for relation in root.findall("relation"):
-        tags = _tags_of(relation)
+        tags = tags_of(relation)
         members = relation.findall("member")
         kinds = {"way": pieces_of, "node": used}
-        if tags.get("type") != "restriction" or not _is_present(relation):
+        if tags.get("type") != "restriction" or not is_present(relation):
             continue
         if any(m.get("ref") not in kinds.get(m.get("type", ""), ()) for m in members):
             continue
@@ -96,11 +96,13 @@ def road_elements(extract: Extract) -> tuple[ElementTree.Element, list[str]]:
     return made, notes
 
 
-def _tags_of(element: ElementTree.Element) -> dict[str, str]:
+def tags_of(element: ElementTree.Element) -> dict[str, str]:
+    """Return the tags of an element."""
     return {tag.get("k", ""): tag.get("v", "") for tag in element.findall("tag")}
 
 
-def _is_present(element: ElementTree.Element) -> bool:
+def is_present(element: ElementTree.Element) -> bool:
+    """Return whether an editor has not deleted an element."""
     return element.get("action") != "delete" and element.get("visible") != "false"
 
 

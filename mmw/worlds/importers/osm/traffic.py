@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import numpy as np
 import shapely
 
 from mmw.core.errors import InputError
@@ -21,6 +22,8 @@ class Roads:
     lanes: LaneGraph
     areas: dict[str, shapely.Geometry]
     """`paved`, `raised` and `paint` in plan."""
+    crossings: list[np.ndarray]
+    """Center lines of crossings with stripes [m], each of shape [N, 2]."""
     is_left_hand: bool
     notes: list[str]
 
@@ -51,11 +54,12 @@ def build_roads(extract: Extract, driving_side: str) -> Roads:
         )
     plan = plan_roads(network, graph)
     lit = {lane.junction for lane in graph.lanes.values() if lane.signal}
-    crossings = sum(edge.function == "crossing" for edge in network.edges.values())
+    crossings = [lane.points for e in network.edges.values() if e.function == "crossing" for lane in e.lanes[:1]]
     notes = [
         f"vehicles drive on the {side} ({source}); driving_side=left or right changes it",
-        f"{len(lit)} junctions with traffic lights, {crossings} crossings",
+        f"{len(lit)} junctions with traffic lights, {len(crossings)} crossings at junctions",
         *levels,
         *notes,
     ]
-    return Roads(graph, {"paint": plan["paint"], "paved": plan["paved"], "raised": plan["walk"]}, side == "left", notes)
+    areas = {"paint": plan["paint"], "paved": plan["paved"], "raised": plan["walk"]}
+    return Roads(graph, areas, crossings, side == "left", notes)
