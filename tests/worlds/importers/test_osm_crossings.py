@@ -6,24 +6,29 @@ import numpy as np
 import pytest
 import shapely
 
-from mmw.worlds.importers.osm.crossings import ACROSS, stripe_crossings
+from mmw.core.errors import MissingPackageError
+from mmw.worlds.importers.osm.crossings import ACROSS, BEFORE, stripe_crossings
+from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.osm.xml import read_extract
-from mmw.worlds.importers.sumo.plan import ZEBRA
+from mmw.worlds.importers.sumo.netconvert import find_netconvert
+from mmw.worlds.importers.sumo.plan import STOP_LINE, ZEBRA
 from tests.fixtures.osm_files import ORIGIN, Map
 
 ROAD = {"highway": "residential", "lanes": "2", "sidewalk": "separate"}
 ASPHALT = shapely.box(-100.0, -4.0, 100.0, 4.0)
 
 
+def tagged(town: Map, text: str, at: tuple[float, float], **tags: str) -> str:
+    """Return the text of a town whose node at a place has tags."""
+    inner = "".join(f'<tag k="{k.replace("__", ":")}" v="{v}"/>' for k, v in tags.items())
+    end = text.index("/>", text.index(f'<node id="{town.node(*at)}" '))
+    return f"{text[:end]}>{inner}</node>{text[end + 2 :]}"
+
+
 def striped(tmp_path: Path, town: Map, at: tuple[float, float], made: tuple = (), **tags: str) -> tuple:
     """Return the stripes of a town, and their number, whose node at a place has tags besides `highway=crossing`."""
-    inner = "".join(
-        f'<tag k="{k.replace("__", ":")}" v="{v}"/>' for k, v in {"highway": "crossing", **tags}.items()
-    )  # fmt: skip
-    text, marker = town.text(), f'<node id="{town.node(*at)}" '
-    end = text.index("/>", text.index(marker))
     path = tmp_path / "crossing.osm"
-    path.write_text(f"{text[:end]}>{inner}</node>{text[end + 2 :]}")
+    path.write_text(tagged(town, town.text(), at, highway="crossing", **tags))
     return stripe_crossings(read_extract(path, ORIGIN), ASPHALT, made)
 
 
@@ -66,3 +71,30 @@ def test_a_way_is_striped_along_its_line(tmp_path: Path) -> None:
     assert area.area == pytest.approx(0.5 * 8 * np.sqrt(2) * 3, rel=0.1)  # half of what the way covers
     spine = shapely.LineString([(6, -4), (14, 4)])
     assert all(stripe.distance(spine) < 1e-6 for stripe in area.geoms)
+
+
+@pytest.mark.parametrize("x", [-14.0, -7.0])
+def test_vehicles_stop_before_a_crossing(tmp_path: Path, x: float) -> None:
+    """Half a crossing and 1 m before its middle, also where it lies in netconvert's junction."""
+    try:
+        find_netconvert()
+    except MissingPackageError as error:
+        pytest.skip(str(error))
+    town = Map()
+    town.way([(-100, 0), (x, 0), (0, 0), (100, 0)], ROAD)
+    town.way([(0, -80), (0, 0), (0, 80)], ROAD)
+    text = tagged(town, town.text(), (0.0, 0.0), highway="traffic_signals")
+    path = tmp_path / "lights.osm"
+    path.write_text(tagged(town, text, (x, 0.0), highway="crossing", crossing="traffic_signals"))
+    scene = read_osm(path, ORIGIN, traffic=True)
+    assert scene.lanes is not None
+    lane = next(lane for lane in scene.lanes.lanes.values() if lane.points[0, 0] < -99)
+    assert lane.points[-1, 0] == pytest.approx(x - 0.5 * ACROSS - BEFORE, abs=0.02) and len(lane.successors) == 3
+    paint = [part.points[part.faces][:, :, :2] for part in scene.parts if part.label == "road_line"]
+    stop = shapely.union_all(shapely.polygons(np.concatenate(paint)), grid_size=1e-4)
+    stop = shapely.intersection(stop, shapely.box(-30.0, -4.0, x - 0.5 * ACROSS - 0.5 * BEFORE, -0.5))
+    np.testing.assert_allclose(np.array(stop.bounds)[[0, 2]], lane.points[-1, 0] + np.array([-STOP_LINE, 0]), atol=0.02)
+    for name in lane.successors:
+        through = scene.lanes.lanes[name]
+        np.testing.assert_array_equal(through.points[0], lane.points[-1])
+        assert through.signal and np.diff(through.station).max() <= 0.51

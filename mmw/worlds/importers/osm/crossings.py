@@ -12,7 +12,9 @@ from mmw.worlds.importers.osm.feature import Extract
 from mmw.worlds.importers.osm.ground import LANE, WALK, WIDTH
 from mmw.worlds.importers.osm.roads import has_lanes, is_present, tags_of
 from mmw.worlds.importers.osm.xml import length_m, number
+from mmw.worlds.importers.sumo.network import Network
 from mmw.worlds.importers.sumo.plan import ZEBRA
+from mmw.worlds.importers.sumo.smooth_line import direction, rounded
 from mmw.worlds.towns.plan_geometry import polygons_of
 
 ACROSS = 4.0
@@ -27,6 +29,12 @@ APART = 8.0
 """Crossings nearer than this that run side by side are one [m]; design value: netconvert moves them to the junction."""
 SIMILAR = float(np.cos(np.radians(30.0)))
 """Cosine of the largest angle between directions that count as the same [-]; design value."""
+FAR = 15.0
+"""Crossings farther from the end of a lane are not those of its junction [m]; design value."""
+BEFORE = 1.0
+"""Distance of a stop line from a crossing [m]; design value."""
+LEFT = 10.0
+"""Least length of a lane before its stop line [m]; design value."""
 EDGE = 0.05
 """Distance of paint from the edge of the asphalt [m]; design value, as that of other paint."""
 UNMARKED = ("no", "unmarked", "informal")
@@ -99,6 +107,40 @@ def _stripes(line: shapely.LineString, width: float) -> shapely.Geometry:
         for start in first + 2 * ZEBRA * np.arange(count)
     ]
     return shapely.union_all(stripes)
+
+
+def hold_before_crossings(network: Network, extract: Extract, made: Sequence[np.ndarray]) -> dict[str, float]:
+    """Return how long before the end of their lanes vehicles stop [m], by the lane's id: before crossings there.
+
+    Only lanes that end at lights or stop signs have a place to stop; netconvert puts it at the border of the junction,
+    and before crossings that it makes.
+
+    Args:
+        network: The network.
+        extract: The extract that it is made of.
+        made: As for `stripe_crossings`.
+    """
+    held: dict[str, float] = {}
+    there = [shapely.LineString(line) for line in made if len(line) > 1]
+    crossings = [c for c in find_crossings(extract) if not any(_is_same(c.line, other) for other in there)]
+    stopping = {c.first for c in network.connections if c.light or c.state in "sw"}
+    through = [c for c in network.connections if c.first in stopping]
+    stopping -= {c.first for c in through if not c.via}
+    for edge in network.roads:
+        for lane in edge.lanes:
+            if not lane.is_driven or lane.id not in stopping:
+                continue
+            points = rounded(lane.points)
+            line = shapely.LineString([*points, points[-1] + WIDTHS[1] * direction(points, -1)])
+            length = line.length - WIDTHS[1]
+            tail = shapely.ops.substring(line, max(length - FAR, 0.0), line.length)
+            for crossing in crossings:
+                met = shapely.intersection(tail, crossing.line)
+                if met.geom_type == "Point" and not met.is_empty:
+                    rest = length - line.project(met) + 0.5 * crossing.width + BEFORE
+                    if 0.0 < rest < length - LEFT:
+                        held[lane.id] = max(rest, held.get(lane.id, 0.0))
+    return held
 
 
 def find_crossings(extract: Extract) -> list[Crossing]:

@@ -7,6 +7,7 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.worlds.importers.osm.crossings import hold_before_crossings
 from mmw.worlds.importers.osm.driving_side import tell_driving_side
 from mmw.worlds.importers.osm.feature import Extract
 from mmw.worlds.importers.osm.roads import road_elements
@@ -47,14 +48,15 @@ def build_roads(extract: Extract, driving_side: str) -> Roads:
             "without --traffic"
         )
     network = convert_roads(elements, is_left_hand=side == "left")
-    graph, notes = build_lanes(network)
+    crossings = [lane.points for e in network.edges.values() if e.function == "crossing" for lane in e.lanes[:1]]
+    held = hold_before_crossings(network, extract, crossings)
+    graph, notes = build_lanes(network, held)
     if not graph.lanes:
         raise InputError(
             f"{extract.path}: netconvert keeps none of its roads; choose a larger area, or import it without --traffic"
         )
-    plan = plan_roads(network, graph)
+    plan = plan_roads(network, graph, held)
     lit = {lane.junction for lane in graph.lanes.values() if lane.signal}
-    crossings = [lane.points for e in network.edges.values() if e.function == "crossing" for lane in e.lanes[:1]]
     notes = [
         f"vehicles drive on the {side} ({source}); driving_side=left or right changes it",
         f"{len(lit)} junctions with traffic lights, {len(crossings)} crossings at junctions",

@@ -10,6 +10,7 @@ from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.importers.mesh_cleanup import free_name, identifier
 from mmw.worlds.importers.sumo.network import Connection, Network, NetworkLane
 from mmw.worlds.importers.sumo.smooth_line import curve, direction, resampled, rounded
+from mmw.worlds.towns.plan_geometry import at_stations, row_stations
 from mmw.worlds.towns.signal_phases import assign_phases
 from mmw.worlds.towns.turn_lanes import RANK
 
@@ -23,16 +24,24 @@ PARALLEL = np.radians(5.0)
 """Vehicles change between lanes whose headings differ by less than this [rad]; the limit of `mmw town check`."""
 MAX_GAP = 0.5
 """Lanes that are connected directly lie at most this far apart [m]; as for OpenDRIVE."""
+SHORTEST = 1e-3
+"""Points of a line that is split lie at least this far from the new one [m]; design value."""
 LIT = "oOgGrRyYu"
 """States of connections with a traffic light."""
 
 
-def build_lanes(network: Network) -> tuple[LaneGraph, list[str]]:
+def build_lanes(network: Network, held: Mapping[str, float] | None = None) -> tuple[LaneGraph, list[str]]:
     """Return the lane graph of a network in the plane z = 0, and notes for people.
 
     Roads are named `road_<edge>_<index>`, connections `<junction>_<number>`; a minus sign, the opposite direction of an
     edge, becomes `b`.
+
+    Args:
+        network: The network.
+        held: Id of a lane -> how long before its end vehicles stop [m]. It ends there, and the rest is part of its
+            connections.
     """
+    held = held or {}
     lines = {lane.id: rounded(lane.points) for edge in network.roads for lane in edge.lanes if lane.is_driven}
     edge_of = {lane.id: edge for edge in network.edges.values() for lane in edge.lanes}
     names: dict[str, str] = {}
@@ -61,6 +70,8 @@ def build_lanes(network: Network) -> tuple[LaneGraph, list[str]]:
         junction = edge_of[connection.first].end
         place = identifier(f"junction_{junction}")
         name = free_name(f"{place}_{len(through)}", [*names.values(), *through])
+        if connection.first in held:
+            line = np.concatenate([_split(lines[connection.first], held[connection.first])[1], line[1:]])
         width = min(lanes[connection.first].width, lanes[connection.last].width)
         speed = lanes[connection.via].speed or DEFAULT_SPEED
         through[name] = Lane(
@@ -74,8 +85,9 @@ def build_lanes(network: Network) -> tuple[LaneGraph, list[str]]:
         for index, lane in driven.items():
             outer, inner = (names.get(driven[k].id, "") if k in driven else "" for k in (index - 1, index + 1))
             left, right = (outer, inner) if network.is_left_hand else (inner, outer)
+            line = _split(lines[lane.id], held[lane.id])[0] if lane.id in held else lines[lane.id]
             found[names[lane.id]] = Lane(
-                names[lane.id], _flat(resampled(lines[lane.id], STEP)), lane.width, lane.speed or DEFAULT_SPEED,
+                names[lane.id], _flat(resampled(line, STEP)), lane.width, lane.speed or DEFAULT_SPEED,
                 successors=tuple(sorted(successors[names[lane.id]])), left=left, right=right,
             )  # fmt: skip
     notes = [f"{apart} connections between lanes over {MAX_GAP} m apart were left out"] * bool(apart)
@@ -98,6 +110,17 @@ def _are_parallel(lane: Lane, other: Lane) -> bool:
         turn = np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
         worst = max(worst, float(turn[len(turn) // 4 : max(len(turn) // 4 + 1, 3 * len(turn) // 4)].max()))
     return worst < PARALLEL
+
+
+def _split(line: np.ndarray, rest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the two parts of a line, the second one `rest` [m] long."""
+    station = row_stations(line)
+    cut = float(station[-1]) - rest
+    middle = at_stations(np.array([cut]), station, line)
+    return (
+        np.concatenate([line[station < cut - SHORTEST], middle]),
+        np.concatenate([middle, line[station > cut + SHORTEST]]),
+    )
 
 
 def _flat(line: np.ndarray) -> np.ndarray:

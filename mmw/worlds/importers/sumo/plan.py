@@ -1,6 +1,6 @@
 """Areas of a SUMO network in plan: carriageway, paint, sidewalks that go on through junctions."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -44,13 +44,17 @@ MAIN = ("motorway", "trunk", "primary", "secondary", "tertiary")
 """Classes of roads whose directions are parted by a line; others have one if they have several lanes."""
 
 
-def plan_roads(network: Network, graph: LaneGraph) -> dict[str, shapely.Geometry]:
+def plan_roads(
+    network: Network, graph: LaneGraph, held: Mapping[str, float] | None = None
+) -> dict[str, shapely.Geometry]:
     """Return what a network covers in plan: `paved`, `walk` beside it, and `paint` on it, which is part of `paved`.
 
     Args:
         network: The network.
         graph: Its lanes: the carriageway holds all that vehicles sweep.
+        held: As for `build_lanes`: where the stop lines of these lanes are.
     """
+    held = held or {}
     roads = [lane.points[:, :2] for lane in graph.lanes.values()]
     widths = [lane.width + 2 * GUTTER if not lane.junction else SWEPT for lane in graph.lanes.values()]
     driven = [_buffer(line, 0.5 * width) for line, width in zip(roads, widths, strict=True)]
@@ -60,6 +64,8 @@ def plan_roads(network: Network, graph: LaneGraph) -> dict[str, shapely.Geometry
         for lane in edge.lanes if not edge.function else ():
             if lane.is_walked:
                 walked.append(_buffer(rounded(lane.points), 0.5 * lane.width))
+            elif lane.id in held:
+                driven.append(_buffer(rounded(lane.points), 0.5 * lane.width + GUTTER))
             elif not lane.is_driven:
                 other.append(shapely.LineString(rounded(lane.points)).buffer(0.5 * lane.width + GUTTER, quad_segs=8))
     walked += [_outline(e.lanes[0].points) for e in network.edges.values() if e.function == "walkingarea" and e.lanes]
@@ -75,7 +81,7 @@ def plan_roads(network: Network, graph: LaneGraph) -> dict[str, shapely.Geometry
     paved = _filled(paved.buffer(0.2, join_style="mitre").buffer(-0.2, join_style="mitre"))
     walk = shapely.difference(walk.buffer(0.1, join_style="mitre").buffer(-0.1, join_style="mitre"), paved)
     walk = walk.buffer(-0.2, join_style="mitre").buffer(0.2, join_style="mitre")  # no strips that nobody walks on
-    paint = shapely.intersection(shapely.union_all(_paint(network)), paved.buffer(-0.05))
+    paint = shapely.intersection(shapely.union_all(_paint(network, held)), paved.buffer(-0.05))
     paved = _plain(paved)
     walk = _plain(shapely.difference(walk, paved).buffer(SEAM, join_style="mitre").buffer(-SEAM, join_style="mitre"))
     return {"paved": paved, "walk": walk, "paint": _plain(paint)}
@@ -137,7 +143,7 @@ def _filled(area: shapely.Geometry) -> shapely.Geometry:
     return shapely.union_all(kept)
 
 
-def _paint(network: Network) -> list[shapely.Geometry]:
+def _paint(network: Network, held: Mapping[str, float]) -> list[shapely.Geometry]:
     """Lines between lanes and directions, stop lines, and the stripes of crossings."""
     found = []
     ends = {(edge.start, edge.end): edge for edge in network.roads}
@@ -148,7 +154,7 @@ def _paint(network: Network) -> list[shapely.Geometry]:
         for lane in edge.lanes:
             if lane.id in stopping and lane.is_driven:
                 line = rounded(lane.points)
-                length = row_stations(line)[-1]
+                length = row_stations(line)[-1] - held.get(lane.id, 0.0)
                 if length > 4.0:
                     found.append(_strip(line, (-0.5 * lane.width, 0.5 * lane.width), (length - STOP_LINE, length)))
     for edge in network.edges.values():
