@@ -220,7 +220,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     plans = [plan_netconvert(extract, is_left_hand=side == "left")]
     plans += [plan_streets(given.osm2streets, extract)] if given.osm2streets else []
     plans += [plan_import(extract, places, given.half, side)]
-    credit = f"Map data {CREDIT}" + "; osm2streets: its published results, Apache-2.0" * bool(given.osm2streets)
+    credit = f"Map data {CREDIT}" + "; osm2streets (A/B Street), Apache-2.0" * bool(given.osm2streets)
     draw(plans, places, given.half, credit).savefig(given.out, dpi=DPI)
     print(f"wrote {given.out}")
 
