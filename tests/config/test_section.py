@@ -68,7 +68,8 @@ PROBLEMS = [
     (lambda: Lidar(range_m=-1), "Lidar: range_m = -1: must be greater than 0; longest range [m]"),
     (lambda: Lidar(chanels=3), "Lidar: chanels = 3: unknown key; did you mean `channels`?"),
     (lambda: ScenarioConfig(name="s"), "ScenarioConfig: give exactly one of `town` and `stage`"),
-    (lambda: RsuConfig(), "RsuConfig: position_m: missing; add it (foot of the unit in the world frame"),
+    (lambda: ScenarioConfig(town="town03"), "ScenarioConfig: name: missing; add it"),
+    (lambda: RsuConfig(), "RsuConfig: 'rsu_1' has no place; give position_m: [x, y, z] or lat_lon"),
     (lambda: Config(scenarios=[]), "Config: scenarios: an empty list makes nothing; describe at least one scenario"),
     (lambda: Config(scenarios=[TOWN], sensors=[7]), "Config: sensors[0] = 7: a section of keys is needed"),
     (
