@@ -15,13 +15,13 @@ from mmw.worlds.importers.imported_scene import ImportedScene
 AROUND = 120.0
 """Spawn points up to this far from a junction count for it [m]; design value."""
 
-MOST_VEHICLES = 20
+MAX_VEHICLES = 20
 """Vehicles of the first configuration, where they fit."""
 
 SHARE = 2 / 3
 """So many vehicles for a spawn point: some points are blocked, and roads full of vehicles stand; design value."""
 
-MOST_CAVS = 3
+MAX_CAVS = 3
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ def first_scenario(scene: ImportedScene) -> FirstScenario | None:
         return None
     center = busiest_place(graph, places)
     near = (np.linalg.norm(places - center, axis=1) < AROUND).sum()
-    count = int(min(MOST_VEHICLES, max(1, SHARE * max(near, min(len(places), MOST_VEHICLES)))))
+    count = int(min(MAX_VEHICLES, max(1, SHARE * max(near, min(len(places), MAX_VEHICLES)))))
     mast = None
     if find_spec("shapely"):  # of the extra `author`
         from mmw.cli.mast_place import mast_place
@@ -75,7 +75,7 @@ def first_scenario(scene: ImportedScene) -> FirstScenario | None:
     ahead = (center - mast)[:2] if mast is not None else np.array([1.0, 0.0])
     yaw = float(np.degrees(np.arctan2(ahead[1], ahead[0])))
     foot = None if mast is None else _rounded(mast)
-    return FirstScenario(_rounded(center), count, min(MOST_CAVS, (count + 1) // 2), foot, round(yaw))
+    return FirstScenario(_rounded(center), count, min(MAX_CAVS, (count + 1) // 2), foot, round(yaw))
 
 
 def _rounded(point: np.ndarray) -> tuple[float, float, float]:
@@ -95,7 +95,7 @@ def _distinct(places: np.ndarray) -> np.ndarray:
 def busiest_place(graph: LaneGraph, places: np.ndarray) -> np.ndarray:
     """Return the middle of the junction with the most spawn points around it, and of equal ones the most lanes.
 
-    More than `MOST_VEHICLES` points count as this many. Without junctions it is the spawn point nearest to the middle.
+    More than `MAX_VEHICLES` points count as this many. Without junctions it is the spawn point nearest to the middle.
 
     Args:
         graph: The lanes.
@@ -109,7 +109,7 @@ def busiest_place(graph: LaneGraph, places: np.ndarray) -> np.ndarray:
     for name in sorted(inside):
         middle = np.concatenate(inside[name]).mean(axis=0)
         near = int((np.linalg.norm(places - middle, axis=1) < AROUND).sum())
-        rank = min(near, MOST_VEHICLES), len(inside[name])
+        rank = min(near, MAX_VEHICLES), len(inside[name])
         if near and rank > best:
             best, found = rank, middle
     return found

@@ -10,7 +10,7 @@ from mmw.config.load import Source
 from mmw.core.errors import InputError
 from mmw.dataset.frame import Frame
 from mmw.gym.link_rate import RadioLink
-from mmw.gym.live_env import NO_SENSORS, Extra, LiveEnv, place_space, snr_space, velocity_space
+from mmw.gym.live_env import NO_SENSORS, Extra, LiveEnv
 from mmw.traffic.live.control import Control
 
 
@@ -81,17 +81,10 @@ class BeamTracking(LiveEnv):
             device=device,
             extra=extra,
             drive=drive,
+            state={"beam": spaces.Discrete(self.link.beam_count)},
         )
         self.action_space = spaces.Discrete(self.link.beam_count)
         self._beam = 0
-
-    def _spaces(self) -> dict[str, spaces.Space[Any]]:
-        return {
-            "beam": spaces.Discrete(self.link.beam_count),
-            "snr_db": snr_space(1),
-            "position": place_space(),
-            "velocity": velocity_space(),
-        }
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

@@ -11,7 +11,7 @@ from mmw.core.constants import FRAME_DT
 from mmw.core.errors import InputError
 from mmw.dataset.frame import Frame
 from mmw.gym.link_rate import RadioLink
-from mmw.gym.live_env import NO_SENSORS, Extra, LiveEnv, place_space, snr_space, velocity_space
+from mmw.gym.live_env import NO_SENSORS, Extra, LiveEnv
 from mmw.traffic.live.control import Control
 
 STATIONS = (
@@ -88,17 +88,10 @@ class Handover(LiveEnv):
             device=device,
             extra=extra,
             drive=drive,
+            state={"serving": spaces.Discrete(len(peers))},
         )
         self.action_space = spaces.Discrete(len(peers))
         self._serving = 0
-
-    def _spaces(self) -> dict[str, spaces.Space[Any]]:
-        return {
-            "serving": spaces.Discrete(len(self.peers)),
-            "snr_db": snr_space(len(self.peers)),
-            "position": place_space(),
-            "velocity": velocity_space(),
-        }
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

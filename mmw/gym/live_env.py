@@ -51,8 +51,9 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
         device: str,
         extra: Mapping[str, Extra] | None,
         drive: Callable[[Frame], Mapping[str, Control | None]] | None,
+        state: Mapping[str, spaces.Space[Any]],
     ) -> None:
-        """Make the simulation; arguments as of the environments."""
+        """Make the simulation; arguments as of the environments, and `state`, the spaces of their last decision."""
         if frames_per_step < 1 or max_start < 0:
             raise InputError(
                 f"frames_per_step = {frames_per_step}, max_start = {max_start}; at least 1 and 0 are needed"
@@ -69,7 +70,12 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
         self._stride, self._max_start = frames_per_step, max_start
         self._extra, self._drive = dict(extra or {}), drive
         self.frame: Frame = self._simulation.reset()
-        own = self._spaces()
+        own = {
+            **state,
+            "snr_db": snr_space(len(peers)),
+            "position": place_space(),
+            "velocity": velocity_space(),
+        }
         try:
             self._check_agents()
             for name in self._extra:
@@ -86,9 +92,6 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
         for name in (self.agent, *self.peers):
             if name not in self.frame.agents:
                 raise InputError(f"agent {name!r}: there are {', '.join(self.frame.agents)}; name one of them")
-
-    def _spaces(self) -> dict[str, spaces.Space[Any]]:
-        raise NotImplementedError
 
     @property
     def simulation(self) -> Simulation:

@@ -10,10 +10,9 @@ import shapely
 from matplotlib.colors import to_rgb
 
 from bench.junction_pictures import ASPHALT, GRASS, JUNCTION, PAINT, WALK, main, plan_streets
-from mmw.core.errors import InputError, MissingPackageError
+from mmw.core.errors import InputError
 from mmw.worlds.importers.osm.feature import Extract
-from mmw.worlds.importers.sumo.netconvert import find_netconvert
-from tests.fixtures.osm_files import ORIGIN, quarter, to_degrees
+from tests.fixtures.osm_files import ORIGIN, needs_netconvert, quarter, to_degrees
 
 COLORS = (ASPHALT, GRASS, JUNCTION, WALK)
 
@@ -54,10 +53,7 @@ def test_another_file_is_an_error_that_names_it(tmp_path: Path, text: str) -> No
 
 def test_picture_of_a_made_up_extract(tmp_path: Path) -> None:
     """Streets that cross, their sidewalks and the land around them are seen in both columns."""
-    try:
-        find_netconvert()
-    except MissingPackageError as error:
-        pytest.skip(str(error))
+    needs_netconvert()
     source, target = tmp_path / "quarter.osm", tmp_path / "quarter.png"
     source.write_text(quarter().text())
     place = ",".join(map(str, to_degrees(0.0, 0.0)))

@@ -11,24 +11,16 @@ from mmw.cli.first_scenario import FirstScenario
 from mmw.cli.twin import START, config_text
 from mmw.config import load_config
 from mmw.config.shipped import config_path
-from mmw.core.errors import MissingPackageError
 from mmw.core.georeference import Georeference
 from mmw.dataset import open_dataset
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.sumo import netconvert
-from tests.fixtures.osm_files import ORIGIN, Map, quarter
+from tests.fixtures.osm_files import ORIGIN, Map, needs_netconvert, quarter
 
 
 def write(path: Path, town: Map) -> Path:
     path.write_text(town.text(), encoding="utf-8")
     return path
-
-
-def needs_netconvert() -> None:
-    try:
-        netconvert.find_netconvert()
-    except MissingPackageError as error:
-        pytest.skip(str(error))
 
 
 @pytest.mark.slow

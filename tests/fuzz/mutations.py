@@ -1,5 +1,6 @@
 """Mutate bytes, text, trees of values and XML; every choice is drawn from a seeded generator."""
 
+import copy
 import json
 import random
 import re
@@ -125,11 +126,11 @@ def mutate_tree(rng: random.Random, tree: Any, values: Sequence[Any] = VALUES) -
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
         places = list(_places(tree))
         if not places:
-            return rng.choice(values)
+            return copy.deepcopy(rng.choice(values))
         holder, key = rng.choice(places)
         kind = rng.random()
         if kind < 0.6:
-            holder[key] = rng.choice(values)
+            holder[key] = copy.deepcopy(rng.choice(values))  # else later changes reach the values, and other cases
         elif kind < 0.7 and isinstance(holder[key], int | float):
             holder[key] = holder[key] * rng.choice((-1, 1e-9, 1e3, 1e6, 1e12))
         elif kind < 0.8:

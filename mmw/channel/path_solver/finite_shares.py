@@ -19,7 +19,7 @@ from mmw.physics.em.finite_surfaces import WEAKEST_CURVED_SHARE, WEAKEST_SHARE, 
 from mmw.physics.em.interaction import SPECULAR
 from mmw.physics.em.vectors import dot, norm
 
-MOST_OF_PIECE = 2.0
+MAX_PIECE_SCALE = 2.0
 """Most that close points of reflection strengthen the parts of pieces of a curved surface [-]; near a null of the whole
 the ratio of both has no meaning. Design value."""
 
@@ -202,7 +202,7 @@ def _curved_reflections(
     whole = np.zeros(share.shape, dtype=np.complex128)
     np.add.at(whole, hit, part)
     scale = np.divide(share, whole, out=np.zeros_like(share), where=whole != 0.0)
-    part = part * (scale * np.minimum(1.0, MOST_OF_PIECE / np.maximum(np.abs(scale), 1e-300)))[hit]
+    part = part * (scale * np.minimum(1.0, MAX_PIECE_SCALE / np.maximum(np.abs(scale), 1e-300)))[hit]
     is_part = np.abs(part).max(axis=1, initial=0.0) >= WEAKEST_PIECE
     is_mixed = np.bincount(hit, is_part & (piece != own[hit]), len(path)) > 0
     kept = np.flatnonzero(is_mixed[hit] & is_part)

@@ -25,7 +25,7 @@ ENTRY = 9.0
 """Station of the middle between the axles of a vehicle that enters [m]: a body of up to 18 m is on the road, and so is
 what the low pass of its height needs behind a wheelbase of up to 11 m."""
 
-LEAST_LANE = 25.0
+MIN_LANE_LENGTH = 25.0
 """A lane that vehicles enter on is at least this long [m]; design value."""
 
 ENTRY_GAP = 8.0
@@ -51,7 +51,7 @@ class OpenNetwork:
         self.exits = _edge_lanes(graph, {name: lane.successors for name, lane in graph.lanes.items()})
         self.usable = _leading_to(graph, endless | self.exits) or frozenset(graph.lanes)
         starts = _edge_lanes(graph, graph.predecessors)
-        is_long = {name for name in starts if graph.lanes[name].plan_length >= LEAST_LANE}
+        is_long = {name for name in starts if graph.lanes[name].plan_length >= MIN_LANE_LENGTH}
         self.entries = sorted(is_long & self.usable) if self.exits else []
         """By name."""
         self.ends_well = bool(endless or self.exits)

@@ -18,6 +18,8 @@ ROOTS = {"fcd-export": "SUMO's floating-car data", "commonRoad": "a CommonRoad s
 
 CURE = "correct it, or remove the obstacle"
 
+LANELET_CURE = "correct it, or remove the lanelet"
+
 
 def open_packed(path: Path) -> gzip.GzipFile | io.BufferedReader:
     """Open a file that may be compressed by gzip."""
@@ -75,7 +77,7 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
     step = read_number(root.get("timeStepSize"), f"{path}: <commonRoad> timeStepSize")
-    vague, (x0, y0) = 0, lanelet_origin(root).tolist()
+    vague, (x0, y0) = 0, lanelet_origin(root, path).tolist()
     for obstacle in (*root.findall("dynamicObstacle"), *root.findall("obstacle")):
         if obstacle.findtext("role", "dynamic").strip() != "dynamic":
             continue
@@ -106,18 +108,24 @@ def _read_commonroad(path: Path) -> tuple[pa.Table, list[str]]:
     return _table(rows), notes
 
 
-def lanelet_origin(root: ElementTree.Element) -> np.ndarray:
+def lanelet_origin(root: ElementTree.Element, path: Path) -> np.ndarray:
     """Return the point of a CommonRoad file that becomes the origin of its world and its trajectories [m], shape [2].
 
     It is (0, 0), unless the lanelets lie farther than `MAX_OFFSET` from there.
+
+    Raises:
+        InputError: If a coordinate is no number.
     """
-    points = [[each.findtext("x"), each.findtext("y")] for each in root.iterfind("lanelet/leftBound/point")]
-    try:
-        xy = np.array(points, np.float64).reshape(-1, 2)
-    except (TypeError, ValueError):  # the reader of the lanelets names the place
+    points = []
+    for lanelet in root.iterfind("lanelet"):
+        where = f"{path}: <lanelet id={lanelet.get('id', '')[:40]!r}> leftBound point"
+        for number, point in enumerate(lanelet.iterfind("leftBound/point")):
+            points.append(
+                [read_number(point.findtext(axis), f"{where} {number} {axis}", LANELET_CURE) for axis in "xy"]
+            )
+    if not points:
         return np.zeros(2)
-    if not len(xy) or not np.isfinite(xy).all():
-        return np.zeros(2)
+    xy = np.array(points)
     middle = 0.5 * (xy.min(axis=0) + xy.max(axis=0))
     return np.zeros(2) if np.abs(middle).max() < MAX_OFFSET else np.round(middle, -2)
 

@@ -14,7 +14,7 @@ import shapely
 
 from mmw.core.errors import InputError
 from mmw.traffic.polyline import arc_length, sample_polyline
-from mmw.traffic.replay.xml_tables import lanelet_origin, read_number
+from mmw.traffic.replay.xml_tables import LANELET_CURE, lanelet_origin, read_number
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.worlds.importers.imported_scene import ImportedScene
 from mmw.worlds.importers.mesh_cleanup import MAX_COORDINATE_M, identifier
@@ -22,7 +22,6 @@ from mmw.worlds.importers.osm.ground import MARGIN, GroundPlan, build_ground
 from mmw.worlds.importers.xml_nodes import parse_xml
 from mmw.worlds.towns.plan_geometry import polygons_of
 
-CURE = "correct it, or remove the lanelet"
 MAX_LANELETS = 50_000
 """Largest number of lanelets of a file; a city has fewer."""
 STEP = 1.0
@@ -84,7 +83,7 @@ def read_commonroad(path: str | Path) -> ImportedScene:
     """
     path = Path(path)
     root = parse_xml(path, "commonRoad", "export the scenario again")
-    origin = lanelet_origin(root)
+    origin = lanelet_origin(root, path)
     lanelets = _lanelets(root, path, origin)
     if not lanelets:
         raise InputError(
@@ -95,7 +94,7 @@ def read_commonroad(path: str | Path) -> ImportedScene:
         far = max(lanelets.values(), key=lambda each: float(np.abs(each.left - np.median(every, axis=0)).max()))
         raise InputError(
             f"{path}: <lanelet id={far.id!r}> reaches {np.abs(every).max() / 1e3:.4g} km from the origin; "
-            f"{MAX_COORDINATE_M / 1e3:.0f} km or less are needed; {CURE}"
+            f"{MAX_COORDINATE_M / 1e3:.0f} km or less are needed; {LANELET_CURE}"
         )
     _mark_junctions(root, lanelets)
     lanes, notes = _lanes(lanelets)
@@ -116,7 +115,7 @@ def _lanelets(root: ElementTree.Element, path: Path, origin: np.ndarray) -> dict
         name = element.get("id", "")
         where = f"{path}: <lanelet id={name[:40]!r}>"
         if name in found:
-            raise InputError(f"{where}: there is another one of this id; ids must differ; {CURE}")
+            raise InputError(f"{where}: there is another one of this id; ids must differ; {LANELET_CURE}")
         left, right = (_bound(element, side, where) - origin for side in ("leftBound", "rightBound"))
         if len(left) != len(right):
             count = max(len(left), len(right))
@@ -128,7 +127,7 @@ def _lanelets(root: ElementTree.Element, path: Path, origin: np.ndarray) -> dict
         limits = [speeds[ref] for sign in element.findall("trafficSignRef") if (ref := sign.get("ref", "")) in speeds]
         text = element.findtext("speedLimit")
         if text is not None:
-            limits.append(read_number(text, f"{where} speedLimit", CURE))
+            limits.append(read_number(text, f"{where} speedLimit", LANELET_CURE))
         found[name] = _Lanelet(
             name, left, right,
             frozenset((each.text or "").strip() for each in element.findall("laneletType")),
@@ -148,7 +147,7 @@ def _signs(root: ElementTree.Element, path: Path) -> dict[str, float]:
             value = each.findtext("additionalValue")
             if each.findtext("trafficSignID", "").strip() in SPEED_SIGNS and value is not None:
                 where = f"{path}: <trafficSign id={sign.get('id', '')[:40]!r}> additionalValue"
-                found[sign.get("id", "")] = read_number(value, where, CURE)
+                found[sign.get("id", "")] = read_number(value, where, LANELET_CURE)
     return found
 
 
@@ -156,12 +155,12 @@ def _bound(lanelet: ElementTree.Element, side: str, where: str) -> np.ndarray:
     """Return the points of a bound without repeated ones [m], shape [N, 2], N >= 2."""
     points = np.array(
         [
-            [read_number(point.findtext(axis), f"{where} {side} point {number} {axis}", CURE) for axis in "xy"]
+            [read_number(point.findtext(axis), f"{where} {side} point {number} {axis}", LANELET_CURE) for axis in "xy"]
             for number, point in enumerate(lanelet.findall(f"{side}/point"))
         ]
     ).reshape(-1, 2)
     if len(points) < 2:
-        raise InputError(f"{where} {side} has {len(points)} points; at least two are needed; {CURE}")
+        raise InputError(f"{where} {side} has {len(points)} points; at least two are needed; {LANELET_CURE}")
     return points
 
 

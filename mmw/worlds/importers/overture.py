@@ -99,6 +99,11 @@ def _build(extract: Extract) -> ImportedScene:
     return ImportedScene(parts, palette.foreign, None, tuple(notes), georeference=place, notice=NOTICE)
 
 
+def _unreadable(path: Path, error: Exception) -> InputError:
+    reason = " ".join(str(error).split())[:120]
+    return InputError(f"{path}: cannot be read as GeoParquet ({reason}); {CURE}")
+
+
 def _rows(path: Path, key: str) -> list[tuple[str, dict[str, str], Any]]:
     """Return name, tags and area [deg] of each row.
 
@@ -109,18 +114,18 @@ def _rows(path: Path, key: str) -> list[tuple[str, dict[str, str], Any]]:
     try:
         file = pyarrow.parquet.ParquetFile(path)
         names, count = file.schema_arrow.names, file.metadata.num_rows
-        column = _geometry_column(path, file.schema_arrow, names)
-        if count > MAX_ROWS:
-            raise InputError(f"{path}: {count:,} rows; at most {MAX_ROWS:,} are read; cut out a smaller area")
-        wanted = [column, *(name for name in ("id", "is_underground", *TAGS) if name in names)]
+    except (pa.ArrowException, OSError) as error:
+        raise _unreadable(path, error) from None
+    column = _geometry_column(path, file.schema_arrow, names)
+    if count > MAX_ROWS:
+        raise InputError(f"{path}: {count:,} rows; at most {MAX_ROWS:,} are read; cut out a smaller area")
+    wanted = [column, *(name for name in ("id", "is_underground", *TAGS) if name in names)]
+    try:
         table = file.read(columns=wanted)
         areas = shapely.from_wkb(table.column(column).to_pylist())
         values = {name: table.column(name).to_pylist() for name in wanted if name != column}
-    except InputError:
-        raise
-    except (pa.ArrowException, OSError, shapely.GEOSException, TypeError, ValueError, KeyError) as error:
-        reason = " ".join(str(error).split())[:120]
-        raise InputError(f"{path}: cannot be read as GeoParquet ({reason}); {CURE}") from None
+    except (pa.ArrowException, OSError, shapely.GEOSException, TypeError, UnicodeDecodeError) as error:
+        raise _unreadable(path, error) from None
     rows = []
     for number, area in enumerate(areas):
         row = {name: column[number] for name, column in values.items()}

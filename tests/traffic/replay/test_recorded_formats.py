@@ -68,6 +68,15 @@ def test_faults_of_commonroad_name_the_obstacle(old: str, new: str, match: str, 
         read_trajectories(tmp_path / "s.xml")
 
 
+def test_a_lanelet_without_a_place_is_no_silent_origin(tmp_path: Path):
+    point = "<x>west</x><y>0.0</y>"
+    lanelet = f'<lanelet id="7"><leftBound><point>{point}</point></leftBound></lanelet>'
+    text = COMMONROAD["2020a"]
+    (tmp_path / "s.xml").write_text(text.replace("</commonRoad>", f"{lanelet}</commonRoad>"))
+    with pytest.raises(ValueError, match=r"<lanelet id='7'> leftBound point 0 x is 'west'; a number is needed"):
+        read_trajectories(tmp_path / "s.xml")
+
+
 def columns(**others: object) -> dict[str, object]:
     """Return the tracks of a car and a person, x from `EAST`."""
     count = len(TIMES)

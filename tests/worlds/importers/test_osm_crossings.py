@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 import shapely
 
-from mmw.core.errors import MissingPackageError
 from mmw.worlds.importers.osm.crossings import ACROSS, BEFORE, stripe_crossings
 from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.osm.xml import read_extract
-from mmw.worlds.importers.sumo.netconvert import find_netconvert
 from mmw.worlds.importers.sumo.plan import STOP_LINE, ZEBRA
-from tests.fixtures.osm_files import ORIGIN, Map
+from tests.fixtures.osm_files import ORIGIN, Map, needs_netconvert
 
 ROAD = {"highway": "residential", "lanes": "2", "sidewalk": "separate"}
 ASPHALT = shapely.box(-100.0, -4.0, 100.0, 4.0)
@@ -76,10 +74,7 @@ def test_a_way_is_striped_along_its_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize("x", [-14.0, -7.0])
 def test_vehicles_stop_before_a_crossing(tmp_path: Path, x: float) -> None:
     """Half a crossing and 1 m before its middle, also where it lies in netconvert's junction."""
-    try:
-        find_netconvert()
-    except MissingPackageError as error:
-        pytest.skip(str(error))
+    needs_netconvert()
     town = Map()
     town.way([(-100, 0), (x, 0), (0, 0), (100, 0)], ROAD)
     town.way([(0, -80), (0, 0), (0, 80)], ROAD)

@@ -20,14 +20,7 @@ from mmw.worlds.importers.osm.read_osm import read_osm
 from mmw.worlds.importers.sumo.netconvert import find_netconvert
 from mmw.worlds.importers.sumo.plan import KERB
 from tests.fixtures.meshes import area
-from tests.fixtures.osm_files import ORIGIN, Map, quarter, to_degrees
-
-
-def needs_netconvert() -> None:
-    try:
-        find_netconvert()
-    except MissingPackageError as error:
-        pytest.skip(str(error))
+from tests.fixtures.osm_files import ORIGIN, Map, needs_netconvert, quarter, to_degrees
 
 
 def read(tmp_path: Path, town: Map, **options: str) -> ImportedScene:

@@ -133,8 +133,8 @@ def _templates(first: Mapping[str, Any], path: Path) -> _Templates:
 def _level(value: object, where: str) -> float:
     """Return a level of detail as a number: `2.2` is above `2`, which 1.0 writes without digits behind the point."""
     try:
-        level = float(value)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+        level = float(value) if isinstance(value, str | int | float) else math.nan
+    except (ValueError, OverflowError):
         level = math.nan
     if not 0.0 <= level < 10.0:
         raise InputError(f"{where} = {str(value)[:40]!r}; a level of detail such as 2.2 is needed; correct it")
