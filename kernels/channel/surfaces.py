@@ -18,6 +18,9 @@ LIFT = wp.constant(wp.float64(2e-6))
 BOX_TOLERANCE = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
 """Tolerance of a traced point against the box of its surface [m]."""
 
+BLOCK = 16
+"""Triangles of a surface that share a box. Design value."""
+
 
 @wp.struct
 class Surfaces:
@@ -41,6 +44,12 @@ class Surfaces:
     """Triangles of each row, shape [K]."""
     corner: wp.array[wp.vec3d]
     """Corners of all triangles [m], shape [3 T]."""
+    first_block: wp.array[int]
+    """First box of each row's blocks of triangles, of which rows of up to `BLOCK` have none, shape [K]."""
+    block_lower: wp.array[wp.vec3d]
+    """Low corner of the box around a block, and around what counts as in its triangles [m], shape [B]."""
+    block_upper: wp.array[wp.vec3d]
+    """High corner of that box [m], shape [B]."""
     is_slab: wp.array[wp.uint8]
     """1 where a wave can pass through the surface in some weather, shape [G]."""
     plane: wp.array[int]
@@ -162,18 +171,34 @@ def in_plane_box(
 
 
 @wp.func
-def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
-    """Return the first corner of the triangle of a surface that holds a point in its own frame, -1 if none does."""
-    row = surfaces.row[surface]
-    corner = 3 * surfaces.first[row]
-    last = corner + 3 * surfaces.triangle_count[row]
+def triangle_among(surfaces: Surfaces, begin: int, end: int, local: wp.vec3d) -> int:
+    """Return the first corner, from `begin` to before `end`, of the triangle that holds a point, -1 if none does."""
+    corner = begin
     found = wp.int32(-1)
-    while corner < last and found < 0:
+    while corner < end and found < 0:
         if is_inside(
             local, surfaces.corner[corner], surfaces.corner[corner + 1], surfaces.corner[corner + 2], EDGE_MARGIN
         ):
             found = corner
         corner = corner + 3
+    return found
+
+
+@wp.func
+def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
+    """Return the first corner of the triangle of a surface that holds a point in its own frame, -1 if none does."""
+    row = surfaces.row[surface]
+    begin = 3 * surfaces.first[row]
+    end = begin + 3 * surfaces.triangle_count[row]
+    if end - begin <= 3 * BLOCK:
+        return triangle_among(surfaces, begin, end, local)
+    block = surfaces.first_block[row]
+    found = wp.int32(-1)
+    while begin < end and found < 0:
+        if in_box(surfaces.block_lower[block], surfaces.block_upper[block], local):
+            found = triangle_among(surfaces, begin, wp.min(begin + 3 * BLOCK, end), local)
+        begin = begin + 3 * BLOCK
+        block = block + 1
     return found
 
 
