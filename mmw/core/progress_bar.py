@@ -28,8 +28,8 @@ def make_bar(console: Console, *columns: TextColumn) -> Bar:
 class Progress:
     """Counter of tasks, of which `done` of `total` are finished by an earlier export."""
 
-    def __init__(self, title: str, total: int, done: int) -> None:
-        self._console = Console(stderr=True, highlight=False, soft_wrap=True)
+    def __init__(self, title: str, total: int, done: int, is_quiet: bool = False) -> None:
+        self._console = Console(stderr=True, highlight=False, soft_wrap=True, quiet=is_quiet)
         self._total, self._done, self._fresh = total, done, 0
         self._start = self._said = time.perf_counter()
         if done:

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from operator import index
 from pathlib import Path
-from typing import Literal
+from typing import Literal, overload
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -26,6 +26,7 @@ from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.estimate import check_inputs
 from mmw.generation.live.live_run import LiveRun
+from mmw.generation.live.saved_export import DATASET, save_export
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
 from mmw.generation.precompile import compiled_ahead, warm_up
 from mmw.generation.shards import Work
@@ -198,7 +199,13 @@ class Simulation:
         """
         return self._stepped("step").step(controls)
 
-    def save(self, out: str | os.PathLike[str], *, overwrite: bool = False) -> Dataset:
+    @overload
+    def save(
+        self, out: str | os.PathLike[str], *, format: Literal["dataset"] = "dataset", overwrite: bool = False
+    ) -> Dataset: ...
+    @overload
+    def save(self, out: str | os.PathLike[str], *, format: str, overwrite: bool = False) -> Dataset | Path: ...
+    def save(self, out: str | os.PathLike[str], *, format: str = DATASET, overwrite: bool = False) -> Dataset | Path:
         """Write all frames of the live episode up to the present one as a dataset, and open it.
 
         Every sensor of every frame is in it, also those that were not looked at; they are traced now, from the poses
@@ -206,13 +213,20 @@ class Simulation:
 
         Args:
             out: Dataset folder, or `s3://bucket/folder`.
-            overwrite: Replace the data in the folder.
+            format: `dataset`, or a format of `mmw export`, such as `mcap` for Foxglove and ROS 2; `out` is then a
+                local folder for its files, and is returned.
+            overwrite: Replace the data, or the export, in the folder.
 
         Raises:
-            InputError: If the mode is not live, the folder has other data, or the simulation is closed.
+            InputError: If the mode is not live, there is no such format, the folder has other data, or the simulation
+                is closed.
+            MissingPackageError: If the format needs a package that is not installed.
             Error: If the disk is full.
         """
-        return self._stepped("save").save(out, overwrite)
+        live = self._stepped("save")
+        if format == DATASET:
+            return live.save(out, overwrite)
+        return save_export(lambda folder: live.save(folder, False), out, format, overwrite, live.name)
 
     @property
     def lane_changes(self) -> list[tuple[float, str, str, str]]:

@@ -1,29 +1,25 @@
 """Define exporters and run them: tasks that can be repeated alone, markers, progress.
 
 An exporter is a module with one `FORMAT`. Its `tasks` plans the work from the small tables; each task writes its files,
-with their final relative paths, into a folder of its own, and `export` moves them into place:
-
-    OUT/_export.json         format, dataset, selection and options; an export with others is refused
-    OUT/_done/TASK.json      the files of a task that is done, written last
-    .OUT.TASK.tmp/           files of the running task, beside OUT
-
-A killed task leaves no marker, so the same command runs it again.
+with their final relative paths, into a folder of its own, and `export` moves them into place (`export_folder`).
 """
 
 import json
 import re
-import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from mmw.config.agent_keys import AGENT_ROLES
 from mmw.core.errors import InputError
+from mmw.core.extras import needed_by
 from mmw.core.file_names import check_file_name, is_file_name
 from mmw.core.progress_bar import Progress
 from mmw.dataset import Dataset, open_dataset
+from mmw.dataset.export.export_folder import is_done, mark_done, open_folder, run_task
 from mmw.dataset.export.registry import load_format
 from mmw.dataset.filesystem import read_text
 from mmw.storage.atomic_files import write_bytes_atomically
@@ -31,10 +27,6 @@ from mmw.storage.dataset_card import LICENSE, NOTICE
 from mmw.storage.finding import one_line
 from mmw.storage.store import DATASET
 
-STATE = "_export.json"
-"""File that names the dataset and options of an export."""
-DONE = "_done"
-"""Folder of the markers, one a task."""
 MAX_TASK_BYTES = 200
 """Longest name of a task, which is a part of the name of its folder."""
 FINISHED = "finish"
@@ -93,6 +85,14 @@ class Format:
     finish: Callable[[Dataset, Selection, Path], None] | None = None
     """Last step in the finished folder, after every task; it must be possible to repeat it."""
     options: tuple[Option, ...] = ()
+    packages: tuple[str, ...] = ()
+    """Optional packages that it needs, by the names of their imports."""
+
+    def check_packages(self) -> None:
+        """Raise a MissingPackageError if one of `packages` is not installed."""
+        with needed_by(f"mmw export {self.name}"):
+            for package in self.packages:
+                import_module(package)
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,8 @@ def export(
     out: str | Path,
     selection: Selection = Selection(),
     options: Options | None = None,
+    *,
+    is_quiet: bool = False,
 ) -> None:
     """Write a dataset, or a part of it, in another format; finished tasks are skipped.
 
@@ -122,14 +124,17 @@ def export(
         out: Folder to write; made if it does not exist.
         selection: Part of the dataset to export.
         options: The format's options that differ from their defaults.
+        is_quiet: Show no progress.
 
     Raises:
         InputError: If the format, the selection or an option is not known, the dataset lacks something that the format
             needs, or `out` holds something else: other files, or the export of another dataset, selection or options.
+        MissingPackageError: If the format needs a package that is not installed.
         OutOfSpaceError: If the disk is full; the same call resumes.
     """
     dataset, out = open_dataset(root), Path(out).resolve()
     form = load_format(format_name)
+    form.check_packages()
     values = checked_options(form, options or {})
     is_local = dataset.filesystem is None
     if is_local and (out == dataset.root or dataset.root in out.parents or out in dataset.root.parents):
@@ -137,18 +142,18 @@ def export(
     with _lookups(dataset, form.name):
         tasks = form.tasks(dataset, selection, values)
     _check_names(form, tasks)
-    _open_folder(out, _state(dataset, form, selection, values, tasks))
-    pending = [task for task in tasks if not _is_done(out, task.name)]
-    with Progress(f"{form.name} -> {out}", len(tasks), len(tasks) - len(pending)) as progress:
+    open_folder(out, _state(dataset, form, selection, values, tasks))
+    pending = [task for task in tasks if not is_done(out, task.name)]
+    with Progress(f"{form.name} -> {out}", len(tasks), len(tasks) - len(pending), is_quiet) as progress:
         for task in pending:
             with _lookups(dataset, f"{form.name}: {task.name}"):
-                _make(out, task)
+                run_task(out, task.name, task.run)
             progress.advance(task.name)
         _copy_license(dataset, out)
-        if form.finish is not None and (pending or not _is_done(out, FINISHED)):
+        if form.finish is not None and (pending or not is_done(out, FINISHED)):
             with _lookups(dataset, form.name):
                 form.finish(dataset, selection, out)
-            write_bytes_atomically(_marker(out, FINISHED), b'{"files": {}}\n')
+            mark_done(out, FINISHED, {})
 
 
 def _copy_license(dataset: Dataset, out: Path) -> None:
@@ -334,66 +339,3 @@ def _state(dataset: Dataset, form: Format, selection: Selection, options: Option
         "options": dict(options),
         "tasks": sorted(task.name for task in tasks),
     }
-
-
-def _open_folder(out: Path, state: dict[str, Any]) -> None:
-    """Make the folder, or check that it holds an unfinished export with the same state.
-
-    Raises:
-        InputError: If it holds something else.
-    """
-    path = out / STATE
-    if out.exists() and not out.is_dir():
-        raise InputError(f"{out}: is a file; a folder is needed; give another one")
-    if not path.is_file():
-        if out.is_dir() and any(out.iterdir()):
-            raise InputError(
-                f"{out}: holds files that are no export; an empty or new folder is needed; give another one"
-            )
-        write_bytes_atomically(path, (json.dumps(state, indent=1) + "\n").encode())
-        return
-    try:
-        old = json.loads(path.read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        raise InputError(f"{path}: {error}; the file is damaged; remove the folder and export again") from error
-    for name, value in state.items():
-        if old.get(name) != value:
-            raise InputError(
-                f"{out}: holds an export with another {name}: {_short(old.get(name))}, not {_short(value)}; "
-                "give another folder, or remove this one"
-            )
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
-
-
-def _marker(out: Path, name: str) -> Path:
-    return out / DONE / f"{name}.json"
-
-
-def _is_done(out: Path, name: str) -> bool:
-    """Return whether a task has a marker and its files are there in the sizes that it says."""
-    try:
-        files = json.loads(_marker(out, name).read_text(encoding="utf-8"))["files"]
-    except (FileNotFoundError, json.JSONDecodeError):
-        return False
-    return all((out / path).is_file() and (out / path).stat().st_size == size for path, size in files.items())
-
-
-def _make(out: Path, task: Task) -> None:
-    """Run a task beside the folder, move its files in, and mark it as done."""
-    folder = out.with_name(f".{out.name}.{task.name}.tmp")
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    try:
-        task.run(folder)
-        files = {path.relative_to(folder).as_posix(): path for path in sorted(folder.rglob("*")) if path.is_file()}
-        sizes = {name: path.stat().st_size for name, path in files.items()}
-        for name, path in files.items():
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            path.replace(out / name)
-        write_bytes_atomically(_marker(out, task.name), (json.dumps({"files": sizes}, indent=0) + "\n").encode())
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)

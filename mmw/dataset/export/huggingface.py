@@ -34,7 +34,8 @@ import yaml
 from mmw.core.errors import InputError
 from mmw.core.licenses import license_of
 from mmw.dataset import Dataset
-from mmw.dataset.export.exporter import STATE, Format, Option, Options, Part, Selection, Task, parts
+from mmw.dataset.export.export_folder import STATE
+from mmw.dataset.export.exporter import Format, Option, Options, Part, Selection, Task, parts
 from mmw.dataset.filesystem import read_text
 from mmw.storage.arrow_tables import frame_rows
 from mmw.storage.atomic_files import write_bytes_atomically

@@ -31,7 +31,6 @@ from typing import Any
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.core.extras import needed_by
 from mmw.dataset import Dataset
 from mmw.dataset.export.exporter import Format, Options, Part, Selection, Task, parts
 from mmw.dataset.export.mcap import messages
@@ -69,10 +68,7 @@ def plan(dataset: Dataset, selection: Selection, options: Options) -> list[Task]
 
     Raises:
         InputError: If nothing is left, or two names are the same in ROS 2.
-        MissingPackageError: If the extra `mcap` is not installed.
     """
-    with needed_by("mmw export mcap"):
-        import mcap_ros2.writer  # noqa: F401  # before anything is written
     tasks = []
     for part in parts(dataset, selection):
         sensors = sensors_of(dataset, part.scenario)
@@ -218,4 +214,6 @@ def _number(time: int, value: float) -> dict[str, Any]:
     return {"data": value}
 
 
-FORMAT = Format("mcap", "MCAP recordings of ROS 2 messages, for Foxglove and ROS 2", LOSSES, plan)
+FORMAT = Format(
+    "mcap", "MCAP recordings of ROS 2 messages, for Foxglove and ROS 2", LOSSES, plan, packages=("mcap_ros2",)
+)
