@@ -3,34 +3,41 @@
 A recorded drive is smoothed with a Gaussian of 0.12 s on the stations, which looks 0.6 s ahead, and one of 0.15 s on
 the accelerations that lean the body. Live, a control has to show sooner:
 
-stations        weights of a uniform cubic B-spline with knots an engine step apart: standard deviation 0.029 s, and
-                nothing beyond 80 ms. The acceleration of the engine is linear between its steps, so its jerk has jumps;
-                smoothed, jerk and its derivative are continuous.
+stations        a moving average with the variance of the Gaussian, and two over an engine step: nothing beyond 240 ms.
+                Of all symmetric kernels that do not rise away from their middle, the moving average has the shortest
+                reach for its variance, so that places, accelerations and jerk are those of a recording. The
+                acceleration of the engine is linear between its steps, so its jerk has jumps; smoothed, jerk and its
+                derivative are continuous.
 lean            two low passes of first order in a row with the variance of the Gaussian: the step response of a
                 critically damped body on springs of 1.5 Hz. It lags, as a real body does.
 
-Source: B-splines as repeated moving averages, M. Unser, IEEE Signal Process. Mag. 16 (1999), 22-38.
+Source: repeated moving averages as kernels with compact support, M. Unser, IEEE Signal Process. Mag. 16 (1999), 22-38.
 """
 
 import numpy as np
 
 from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.traffic.idm.driver import STEP
+from mmw.traffic.idm.simulation import STATION_SIGMA
 from mmw.traffic.vehicle_pose import LEAN_SIGMA
 
 ROWS_PER_STEP = round(STEP * FRAME_RATE_HZ)
 """Poses at 100 Hz in a step of the engine."""
 
 
-def _spline_weights() -> np.ndarray:
-    box = np.full(ROWS_PER_STEP, 1.0 / ROWS_PER_STEP)
-    weights = box
-    for _ in range(3):
-        weights = np.convolve(weights, box)
+AVERAGE_ROWS = round(np.sqrt(12 * (STATION_SIGMA * FRAME_RATE_HZ) ** 2 + 1 - 2 * (ROWS_PER_STEP**2 - 1)))
+"""Length of the long moving average. Averages over n rows have a variance of (n^2 - 1) / 12 rows^2, so those of all
+three add up to the Gaussian's."""
+
+
+def _moving_averages(*lengths: int) -> np.ndarray:
+    weights = np.ones(1)
+    for length in lengths:
+        weights = np.convolve(weights, np.full(length, 1.0 / length))
     return weights / weights.sum()
 
 
-WEIGHTS = _spline_weights()
+WEIGHTS = _moving_averages(ROWS_PER_STEP, ROWS_PER_STEP, AVERAGE_ROWS)
 """Weights of neighboring stations, symmetric, shape [2 REACH + 1]."""
 
 REACH = len(WEIGHTS) // 2

@@ -1,0 +1,39 @@
+"""Memory of a live simulation whose frames are looked at and dropped: it holds the motion, and nothing of them."""
+
+import gc
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import mmw
+from mmw import Control
+
+CHANGES = [
+    "frames.count=60",
+    "scenarios.town03_roundabout.traffic.vehicle_count=9",
+    "sensors=[{type: lidar, on: [cav_1], channels: 8, points_per_channel: 60}, {type: imu}, {type: gnss}, "
+    "{type: depth, on: [cav_1], width_px: 24, height_px: 16}]",
+]
+
+
+@pytest.mark.slow
+def test_steps_with_random_controls_keep_the_motion_alone() -> None:
+    """A pose has 7 numbers of 8 B, and an array some 100 B around it; a frame with its sweep has more than 10 kB."""
+    generator, sizes = np.random.default_rng(0), {}
+    with mmw.Simulation(mmw.load_config("quickstart", CHANGES), mode="live", device="cpu") as simulation:
+        simulation.reset()
+        tracemalloc.start()
+        for step in range(46):
+            speeds = generator.uniform(0.0, 15.0, 3)
+            frame = simulation.step({f"cav_{k + 1}": Control(target_speed_m_s=float(v)) for k, v in enumerate(speeds)})
+            for name in ("lidar", "imu", "gnss", "depth", "boxes", "links"):
+                assert frame.table(name).num_rows > 0
+            values = [frame.table("imu")[axis].to_numpy() for axis in ("ax", "ay", "az", "gx", "gy", "gz")]
+            assert np.isfinite(values).all() and np.isfinite(frame.boxes["vx"]).all()
+            if step in (20, 45):
+                gc.collect()
+                sizes[step] = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+    growth = (sizes[45] - sizes[20]) / 25
+    assert growth < 2 * (9 * 7 * 8) + 1000
