@@ -50,7 +50,7 @@ def test_tables_that_no_frame_changes_are_equal(pair: tuple) -> None:
 
 
 def test_rows_that_do_not_depend_on_the_filters_are_equal_bit_by_bit(pair: tuple) -> None:
-    """Which actors, sizes, names and counts there are, and all that belongs to actors whose motion is known ahead."""
+    """Actors, sizes, names and counts, and all that belongs to actors whose motion is known ahead."""
     _, frames, replay = pair
     for frame in frames[BEFORE::3]:
         other = replay.frame(frame.frame)
