@@ -1,6 +1,6 @@
 """Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from types import SimpleNamespace
@@ -211,7 +211,9 @@ class Agent:
 
     def samples(self, type_: str) -> dict[str, Any]:
         """Return the samples of its sensors of a type in this frame by name, as `sensor` does; those that there are."""
-        found = {name: self.sensor(name) for name, row in self.sensors.items() if row["type"] == type_}
+        names = [name for name, row in self.sensors.items() if row["type"] == type_]
+        self.frame.prepare_samples(self.name, names)
+        found = {name: self.sensor(name) for name in names}
         return {name: sample for name, sample in found.items() if sample is not None}
 
     @cached_property
@@ -316,6 +318,9 @@ class Frame:
             if pair == (agent, sensor):
                 return rows_of_table(found.slice(index, 1))[0]
         return None
+
+    def prepare_samples(self, agent: str, sensors: Collection[str]) -> None:
+        """Make the samples of some sensors of an agent, where they are not stored, before they are read one by one."""
 
     def paths(self, carrier_hz: float) -> CarrierPaths:
         """Return the paths of all links of this frame at a carrier [Hz].

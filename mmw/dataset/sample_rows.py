@@ -1,11 +1,16 @@
-"""Turn rows of tables into mappings, and columns of samples into points."""
+"""Turn rows of tables, or of columns before they are tables, into mappings, and columns of samples into points."""
 
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
+from mmw.core.remember import remembered
 from mmw.dataset.column_arrays import values_of
+from mmw.storage.arrow_tables import cast_column
+from mmw.storage.table_spec import IMAGE, TableSpec
 
 Row = dict[str, Any]
 
@@ -14,6 +19,73 @@ def rows_of_table(table: pa.Table) -> list[Row]:
     """Return the rows of a table as mappings; lists of numbers are arrays."""
     columns = {name: values_of(table.column(name)) for name in table.column_names}
     return [{name: values[index] for name, values in columns.items()} for index in range(table.num_rows)]
+
+
+class WaitingImage(Mapping[str, Any]):
+    """Cell of an image that may still be encoded: `bytes`, which are waited for, and `path`."""
+
+    def __init__(self, image: Future[bytes], path: str) -> None:
+        """Take the future of the file and its path."""
+        self.image, self._path = image, path
+
+    def __getitem__(self, key: str) -> Any:
+        if key == "bytes":
+            return self.image.result()
+        if key == "path":
+            return self._path
+        raise KeyError(key)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(("bytes", "path"))
+
+    def __len__(self) -> int:
+        return 2
+
+
+def row_of_columns(spec: TableSpec, columns: Mapping[str, Any], index: int) -> Row:
+    """Return a row of columns as `rows_of_table` returns it of their table, without making the table.
+
+    Args:
+        spec: The table.
+        columns: All its columns, see `mmw.storage.arrow_tables.unsorted_table`.
+        index: The row.
+
+    Raises:
+        ValueError: If a value does not fit its column.
+    """
+    return {name: _cell(spec, field, kind, columns[name], index) for name, field, kind in _kinds(spec)}
+
+
+@remembered()
+def _kinds(spec: TableSpec) -> list[tuple[str, pa.Field, np.dtype | None]]:
+    """Return name, field and NumPy type of the numbers of each column, of those in its lists; None for no numbers."""
+    return [(field.name, field, _number_type(field.type)) for field in spec.columns]
+
+
+def _number_type(type_: pa.DataType) -> np.dtype | None:
+    element = type_.value_type if pa.types.is_list(type_) else type_
+    is_number = pa.types.is_integer(element) or pa.types.is_floating(element) or pa.types.is_boolean(element)
+    return np.dtype(element.to_pandas_dtype()) if is_number else None
+
+
+def _cell(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, index: int) -> Any:
+    if field.type == IMAGE and isinstance(values, list) and values[index] is not None:
+        image, path = values[index]
+        return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
+    if isinstance(values, str):
+        return values
+    if isinstance(values, pa.DictionaryArray) and number is None and values[index].is_valid:
+        return values.dictionary[values.indices[index].as_py()].as_py()
+    if number is not None and isinstance(values, pa.ListArray) and values.null_count == 0:
+        begin, end = values.offsets[index].as_py(), values.offsets[index + 1].as_py()
+        found = values.values[begin:end].to_numpy(zero_copy_only=False)
+        if found.dtype == number and (number.kind != "f" or np.isfinite(found).all()):
+            return found
+    elif number is not None and isinstance(values, np.ndarray) and values.dtype == number:
+        if number.kind != "f" or np.isfinite(values[index]):
+            return values[index].item()
+    part = values if np.isscalar(values) else values[index : index + 1]
+    return values_of(pa.chunked_array([cast_column(spec.name, field, part, 1)]))[0]
 
 
 def points_of(columns: dict[str, np.ndarray]) -> np.ndarray | None:

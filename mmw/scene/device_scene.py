@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.bvh import build_bvhs
-from mmw.core.kinematics import differentiate
+from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transforms import make_pose, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
@@ -119,12 +119,17 @@ class DeviceScene:
         """Number of loaded frames."""
         return len(self.batch_frames)
 
-    def _differentiate(self) -> None:
+    def _differentiate(self, motion: Motion | None = None) -> None:
         # Of the whole recording, once, so that derivatives do not depend on the batch.
-        motion = differentiate(self.arrays.poses[:, self.instance_actor], self.arrays.pose_dt)
-        self._velocity, self._rate = motion.velocity, motion.world_rate
+        if motion is None:
+            motion = differentiate(self.arrays.poses[:, self.instance_actor], self.arrays.pose_dt)
+            self._velocity, self._rate = motion.velocity, motion.world_rate
+        else:
+            self._velocity, self._rate = (
+                values[:, self.instance_actor] for values in (motion.velocity, motion.world_rate)
+            )
 
-    def replace_arrays(self, arrays: SceneData) -> None:
+    def replace_arrays(self, arrays: SceneData, motion: Motion | None = None) -> None:
         """Take other frames, poses, materials or actors without geometry; `load_batch` must follow.
 
         The meshes on the device stay, so that this costs no build of a tree.
@@ -132,13 +137,14 @@ class DeviceScene:
         Args:
             arrays: The scene with the same meshes: `points`, `faces`, `models`, the actors that have geometry and
                 what is foliage are those that the device holds.
+            motion: `differentiate(arrays.poses, arrays.pose_dt)`, if at hand.
 
         Raises:
             ValueError: If a mesh is another one.
         """
         self._check_meshes("replace_arrays", arrays)
         self.arrays, self.instance_actor, self.batch_frames = arrays, instance_actors(arrays), ()
-        self._differentiate()
+        self._differentiate(motion)
         self._optical = self._optical_with(arrays)
 
     def with_agents(self, arrays: SceneData) -> "DeviceScene":

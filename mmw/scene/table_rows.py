@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from mmw.scene.scene_data import SceneData
+from mmw.core.later import start_all
+from mmw.core.remember import remembered
+from mmw.scene.scene_data import Actor, SceneData
 
 Columns = dict[str, Any]
 """Columns of one table by name: arrays, Arrow arrays, or one scalar for all rows."""
@@ -16,7 +18,13 @@ Columns = dict[str, Any]
 
 def names(arrays: SceneData, actor: np.ndarray) -> pa.DictionaryArray:
     """Return the names of actors given by their indices."""
-    return choices([a.name for a in arrays.actors], actor)
+    return actor_texts(arrays.actors, "name").take(pa.array(actor))
+
+
+@remembered()
+def actor_texts(actors: tuple[Actor, ...], attribute: str) -> pa.DictionaryArray:
+    """Return an attribute of all actors, a text."""
+    return pa.array([getattr(actor, attribute) for actor in actors], pa.string()).dictionary_encode()
 
 
 def sample_columns(arrays: SceneData, sensor: str, frame: np.ndarray, actor: np.ndarray) -> Columns:
@@ -43,6 +51,7 @@ def lists(offsets: np.ndarray, values: np.ndarray) -> pa.ListArray:
 
 def resolved(columns: Columns) -> Columns:
     """Return columns with every image that a thread was encoding: (future of the bytes, path) becomes (bytes, path)."""
+    start_all(cell[0] for values in columns.values() if _is_images(values) for cell in values)
     return {
         name: [_image(cell) for cell in values] if _is_images(values) else values for name, values in columns.items()
     }

@@ -1,7 +1,7 @@
 """Hold the context of one scenario's sensors: constant inputs, and the lists that gather its rows."""
 
-from collections.abc import Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -9,6 +9,7 @@ from typing import Any
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
 from mmw.core.kinematics import Motion
+from mmw.core.later import Later
 from mmw.core.timing import StageTimer
 from mmw.kernels.shading import structs as shading
 from mmw.physics.weather.weather import Weather
@@ -36,11 +37,18 @@ class Batch:
     clock: StageTimer
     cache: dict[Any, Any] = field(default_factory=dict)
     """See `SensorInput.cached`."""
+    puts_off: bool = False
+    """Whether what threads of the pool would make waits until it is asked for, as in a live frame: most of it is never
+    looked at."""
 
     @cached_property
     def encoder(self) -> Encoder:
         """Encoder that submits images to the pool."""
-        return Encoder(self.pool)
+        return Encoder(self.pool, puts_off=self.puts_off)
+
+    def submit(self, call: Callable[..., Any], *args: Any) -> Future:
+        """Return the future of `call(*args)`, which a thread makes."""
+        return Later(self.pool, call, *args) if self.puts_off else self.pool.submit(call, *args)
 
     @property
     def rgb_sensors(self) -> tuple[RgbCamera, ...]:

@@ -46,7 +46,7 @@ def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
     if len(set(lengths.values())) > 1:
         raise ValueError(f"table {name!r}: columns have lengths {lengths}; every column needs one value a row")
     rows = next(iter(lengths.values()), 1)
-    arrays = [_cast(name, field, columns[field.name], rows) for field in spec.columns]
+    arrays = [cast_column(name, field, columns[field.name], rows) for field in spec.columns]
     return pa.Table.from_arrays(arrays, schema=arrow_schema(name))
 
 
@@ -129,7 +129,12 @@ def _is_scalar(values: Any) -> bool:
     return isinstance(values, (str, bytes, bool, int, float, np.generic))
 
 
-def _cast(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array:
+def cast_column(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array:
+    """Return a column of some rows, cast to its type and checked; see `unsorted_table`.
+
+    Raises:
+        ValueError: If a value does not fit, is null where it must be there, or is not finite.
+    """
     where = f"table {table!r}, column {field.name!r}"
     try:
         array = _to_arrow(field.type, values, rows)

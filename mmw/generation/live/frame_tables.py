@@ -1,7 +1,8 @@
-"""Tables of a live frame, each traced when it is read first, and never again."""
+"""Tables of a live frame: what they hold is traced when it is looked at first, and never again."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping
+from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from typing import Any
 
@@ -12,8 +13,9 @@ from mmw.config import Config
 from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
+from mmw.core.later import start_all
 from mmw.dataset.frame import Frame
-from mmw.dataset.sample_rows import Row, rows_of_table
+from mmw.dataset.sample_rows import Row, row_of_columns
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
     capture_boxes,
@@ -25,7 +27,6 @@ from mmw.generation.capture import (
 )
 from mmw.generation.pipeline import join_batches
 from mmw.sensors.batch import Batch, TableRows
-from mmw.storage.arrow_tables import normalize_names, sort_rows
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import table_spec, views_of
 
@@ -34,12 +35,41 @@ BOXES = ("boxes",)
 SIGHT = ("box_visibility",)
 CHANNEL = (LINKS.name, "path_gains", "path_geometry")
 
+Maker = tuple[str, ...]
+"""What fills tables: `poses`, `boxes`, `sight`, `channel`, or `sensor` and its name."""
+
+Rows = Mapping[str, list[Any]]
+"""Table -> columns of each part of its rows, or the future of them."""
+
 Load = Callable[[str | None], AbstractContextManager[Batch]]
 """Puts the frame on the device and keeps it there; takes the only agent whose sensors count, or None for all."""
 
 
+def table_makers(config: Config) -> dict[str, list[Maker]]:
+    """Return what fills each table that frames of a configuration change."""
+    makers: dict[str, list[Maker]] = defaultdict(list)
+    for maker, names in (("poses", POSES), ("boxes", BOXES)):
+        for name in names:
+            makers[name].append((maker,))
+    for sensor in config.sensors:
+        spec = SENSORS[sensor.type]
+        counts = spec.rows_per_sample(sensor) if spec.rows_per_sample else {}
+        own = [table.name for table in spec.tables if counts.get(table.name, 1)]
+        for name in (*own, *spec.shared_tables):
+            makers[name].append(("sensor", sensor.name))
+    if config.channel.enabled:
+        for name in SIGHT:
+            makers[name].append(("sight",))
+        for name in CHANNEL:
+            makers[name].append(("channel",))
+    return dict(makers)
+
+
 class FrameTables:
-    """Tables of one frame in one weather; a `TableReader`."""
+    """Tables of one frame in one weather; a `TableReader`.
+
+    What was traced is kept as columns; they become Arrow tables when a table is read.
+    """
 
     def __init__(
         self,
@@ -49,7 +79,7 @@ class FrameTables:
         frame: int,
         static: Mapping[str, pa.Table],
         load: Load,
-        config: Config,
+        makers: Mapping[str, list[Maker]],
     ) -> None:
         """Hold nothing yet but the tables that no frame changes.
 
@@ -60,34 +90,21 @@ class FrameTables:
             frame: The frame.
             static: Tables that no frame changes.
             load: Puts the frame on the device.
-            config: The configuration.
+            makers: From `table_makers`.
         """
         self.root = root
         self._where = scenario, weather, frame
         self._load = load
         self._held: dict[str, pa.Table] = dict(static)
-        self._samples: dict[tuple[str, str], dict[str, pa.Table]] = {}
-        self._makers: dict[str, list[tuple[str, ...]]] = defaultdict(list)
-        for maker, names in (("poses", POSES), ("boxes", BOXES)):
-            for name in names:
-                self._makers[name].append((maker,))
-        for sensor in config.sensors:
-            spec = SENSORS[sensor.type]
-            counts = spec.rows_per_sample(sensor) if spec.rows_per_sample else {}
-            own = [table.name for table in spec.tables if counts.get(table.name, 1)]
-            for name in (*own, *spec.shared_tables):
-                self._makers[name].append(("sensor", sensor.name))
-        if config.channel.enabled:
-            for name in SIGHT:
-                self._makers[name].append(("sight",))
-            for name in CHANNEL:
-                self._makers[name].append(("channel",))
-        self._done: dict[tuple[str, ...], dict[str, pa.Table]] = {}
+        self._makers = makers
+        self._rows: dict[str, list[Any]] = defaultdict(list)
+        self._done: set[Maker] = set()
+        self._samples: dict[tuple[str, Maker], Rows] = {}
 
     @property
     def tables(self) -> tuple[str, ...]:
         """Names of the tables."""
-        return (*self._held, *self._makers)
+        return tuple(dict.fromkeys((*self._held, *self._makers)))
 
     def frame_rate_hz(self, scenario: str) -> int:
         """Return the frames a second [Hz]."""
@@ -100,66 +117,117 @@ class FrameTables:
             InputError: If there is no such table or column, or the simulation is closed.
         """
         needed = ("path_gains", "path_geometry") if table in views_of(self.tables) else (table,)
-        for name in needed:
-            if name in self._makers and name not in self._held:
-                parts = [self._trace(maker)[name] for maker in self._makers[name]]
-                whole = pa.concat_tables(parts).unify_dictionaries().combine_chunks()
-                self._held[name] = parts[0] if len(parts) == 1 else sort_rows(table_spec(name), whole)
+        wanted = [name for name in needed if name in self._makers and name not in self._held]
+        self.trace(wanted)
+        for name in wanted:
+            self._held[name] = self._table(name)
         if needed == (table,) and table not in self._held:
             raise InputError(f"{self.root}: has no table {table!r}; it has {', '.join(self.tables)}; name one of these")
         return MemoryTables(self.root, self._held, FRAME_RATE_HZ).read(table, **where)
 
-    def sample(self, table: str, agent: str, sensor: str) -> pa.Table:
-        """Return the rows of a table of one sensor of one agent; other agents' sensors are not traced for it."""
-        makers = self._makers.get(table, [])
-        own = ("sensor", sensor)
-        if table in self._held or own not in makers or own in self._done:
-            return self.read(table, agent=agent, sensor=sensor)
-        key = agent, sensor
-        if key not in self._samples:
-            self._samples[key] = self._rows_of(own, agent)
-        return self._samples[key][table]
+    def trace(self, tables: Iterable[str] | None = None) -> None:
+        """Trace what some tables hold, or all tables for None, at once: cameras share their rays.
 
-    def _trace(self, maker: tuple[str, ...]) -> dict[str, pa.Table]:
-        if maker not in self._done:
-            self._done[maker] = self._rows_of(maker, None)
-        return self._done[maker]
+        Raises:
+            InputError: If there is no such table, or the simulation is closed.
+        """
+        for name in tables or ():
+            if name not in self.tables:
+                raise InputError(f"{self.root}: has no table {name!r}; it has {', '.join(self.tables)}; name one")
+        wanted = self._makers if tables is None else [name for name in tables if name in self._makers]
+        needed = dict.fromkeys(maker for name in wanted for maker in self._makers[name])
+        makers = [maker for maker in needed if maker not in self._done]
+        if makers:
+            for name, parts in self._capture(makers, None).items():
+                self._rows[name] += parts
+            self._done.update(makers)
 
-    def _rows_of(self, maker: tuple[str, ...], agent: str | None) -> dict[str, pa.Table]:
-        scenario, weather, frame = self._where
+    def sample(self, table: str, agent: str, sensor: str) -> Row | None:
+        """Return the row of one sensor of one agent; other agents' sensors are not traced for it."""
+        maker = ("sensor", sensor)
+        if maker not in self._makers.get(table, ()):
+            return None
+        self.trace_samples(agent, [sensor])
+        parts = self._rows[table] if maker in self._done else self._samples[agent, maker].get(table, [])
+        for columns in map(_ended, parts):
+            index = _row_index(columns, agent, sensor)
+            if index is not None:
+                scenario, weather, _ = self._where
+                return row_of_columns(table_spec(table), {"scenario": scenario, "weather": weather, **columns}, index)
+        return None
+
+    def trace_samples(self, agent: str, sensors: Collection[str]) -> None:
+        """Trace some sensors of one agent at once."""
+        wanted = [("sensor", sensor) for sensor in sensors]
+        wanted = [one for one in wanted if one not in self._done and (agent, one) not in self._samples]
+        if wanted:
+            found = self._capture(wanted, agent)
+            for maker in wanted:
+                self._samples[agent, maker] = found
+
+    def _capture(self, makers: Collection[Maker], agent: str | None) -> Rows:
+        _, weather, frame = self._where
         rows: TableRows = {weather: defaultdict(list)}
         with self._load(agent) as batch:
-            self._capture(batch, maker, [frame], rows)
-            made = {
-                name: normalize_names(join_batches(name, scenario, weather, batches))
-                for name, batches in rows[weather].items()
-            }
-        missing = [name for name, makers in self._makers.items() if maker in makers and name not in made]
-        return {**made, **{name: arrow_schema(name).empty_table() for name in missing}}
+            sensors = [sensor for sensor in batch.config.sensors if ("sensor", sensor.name) in makers]
+            if ("poses",) in makers:
+                capture_poses(batch, [frame], rows)
+            if ("boxes",) in makers:
+                capture_boxes(batch, [frame], rows)
+            if ("sight",) in makers:
+                capture_sight(batch, [frame], rows)
+            if sensors:
+                capture_sensors(batch, [frame], rows, sensors)
+            if ("channel",) in makers and batch.surfaces is not None:
+                capture_channel(batch, batch.surfaces, channel_links(batch, [frame]), rows)
+        return rows[weather]
 
-    @staticmethod
-    def _capture(batch: Batch, maker: tuple[str, ...], frames: Sequence[int], rows: TableRows) -> None:
-        kind = maker[0]
-        if kind == "poses":
-            capture_poses(batch, frames, rows)
-        elif kind == "boxes":
-            capture_boxes(batch, frames, rows)
-        elif kind == "sight":
-            capture_sight(batch, frames, rows)
-        elif kind == "sensor":
-            sensors = [sensor for sensor in batch.config.sensors if sensor.name == maker[1]]
-            capture_sensors(batch, frames, rows, sensors)
-        elif batch.surfaces is not None:
-            capture_channel(batch, batch.surfaces, channel_links(batch, frames), rows)
+    def _table(self, name: str) -> pa.Table:
+        parts = self._rows.get(name, [])
+        if not parts:
+            return arrow_schema(name).empty_table()
+        start_all(parts)
+        scenario, weather, _ = self._where
+        return join_batches(name, scenario, weather, parts)
+
+
+def _ended(columns: Any) -> Mapping[str, Any]:
+    return columns.result() if isinstance(columns, Future) else columns
+
+
+def _row_index(columns: Mapping[str, Any], agent: str, sensor: str) -> int | None:
+    """Return the row of one sensor of one agent in columns of a table of samples; None if there is none."""
+    if columns["sensor"] != sensor:
+        return None
+    names = columns["agent"]
+    for index, value in enumerate(names if isinstance(names, list) else names.to_pylist()):
+        if value == agent:
+            return index
+    return None
 
 
 class LiveFrame(Frame):
     """A frame of a live simulation, traced when it is looked at: a sensor of an agent by itself."""
+
+    def trace(self, *tables: str) -> None:
+        """Trace what some tables hold, or all for none, at once: faster than one look after the other.
+
+        Cameras share launches and rays as in a dataset that is generated.
+
+        Raises:
+            InputError: If there is no such table, or the simulation is closed.
+        """
+        assert isinstance(self.data, FrameTables)
+        self.data.trace(tables or None)
 
     def row_of(self, table: str, agent: str, sensor: str) -> Row | None:
         """Return the row of one sensor in a table; None if there is none."""
         assert isinstance(self.data, FrameTables)
         if table in self._tables or table not in self.data.tables:
             return super().row_of(table, agent, sensor)
-        found = self.data.sample(table, agent, sensor)
-        return rows_of_table(found)[0] if found.num_rows else None
+        return self.data.sample(table, agent, sensor)
+
+    def prepare_samples(self, agent: str, sensors: Collection[str]) -> None:
+        """Trace some sensors of one agent at once."""
+        assert isinstance(self.data, FrameTables)
+        self.data.trace_samples(agent, sensors)

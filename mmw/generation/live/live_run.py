@@ -22,7 +22,7 @@ from mmw.core.timing import StageTimer
 from mmw.dataset import Dataset, open_dataset
 from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
 from mmw.generation.live.episode import Episode
-from mmw.generation.live.frame_tables import FrameTables, LiveFrame
+from mmw.generation.live.frame_tables import FrameTables, LiveFrame, Maker, table_makers
 from mmw.generation.live.recorded_stage import RecordedStage
 from mmw.generation.pipeline import make_batch
 from mmw.generation.precompile import compiled_ahead, warm_up
@@ -53,8 +53,10 @@ class World:
     """Held while a frame is on the device."""
     folder: tempfile.TemporaryDirectory[str]
     """Its stage and textures."""
+    makers: Mapping[str, list[Maker]]
+    """What fills the tables that frames change."""
     shown: tuple[Episode, int] | None = None
-    """Episode and frame on the device."""
+    """Episode and frame on the device, for which `batch` is."""
     is_closed: bool = False
 
     def close(self) -> None:
@@ -75,16 +77,17 @@ class World:
                 raise InputError(
                     f"{where}: was closed or reset with another seed before this was looked at; look at it earlier"
                 )
-            scene = self.batch.scene
             if self.shown != (episode, frame):
                 self.shown = None
-                scene.replace_arrays(episode.arrays(frame))
+                scene, arrays = self.batch.scene, episode.arrays(frame)
+                motion = differentiate(arrays.poses, arrays.pose_dt)
+                scene.replace_arrays(arrays, motion)
                 scene.load_batch([frame])
-                self.shown = episode, frame
-            arrays = scene.arrays
-            sensing = None if agent is None else frozenset([agent])
-            motion = differentiate(arrays.poses, arrays.pose_dt)
-            yield replace(self.batch, arrays=replace(arrays, sensing=sensing), motion=motion)
+                self.batch, self.shown = replace(self.batch, arrays=arrays, motion=motion), (episode, frame)
+            if agent is None:
+                yield self.batch
+            else:
+                yield replace(self.batch, arrays=replace(self.batch.arrays, sensing=frozenset([agent])))
 
 
 class LiveRun:
@@ -181,12 +184,13 @@ class LiveRun:
             for future in (*kernels, *skies):
                 future.result()
         batch = make_batch(some, scenario, arrays, self._device, 1, self._pool, StageTimer())
+        batch = replace(batch, puts_off=True)
         self._notes += [*surface_warnings(batch.surfaces), *batch.texture_notes()]
         static = {
             name: table_from_columns(name, {"scenario": scenario.name, **columns})
             for name, columns in static_rows(arrays, config).items()
         }
-        self._world = World(config, demand, batch, static, threading.Lock(), holder)
+        self._world = World(config, demand, batch, static, threading.Lock(), holder, table_makers(config))
         self._start(self._world, traffic)
 
     def new_notes(self) -> list[str]:
@@ -223,7 +227,7 @@ class LiveRun:
             return world.showing(episode, number, agent, self.name)
 
         scenario = self._scenario.name
-        tables = FrameTables(self.name, scenario, self._weather, number, world.static, load, world.config)
+        tables = FrameTables(self.name, scenario, self._weather, number, world.static, load, world.makers)
         return LiveFrame(tables, scenario, self._weather, number)
 
     def step(self, controls: Mapping[str, Control | None] | None = None) -> LiveFrame:

@@ -62,6 +62,6 @@ def record_objects(
             tables["segmentation"].append(rows)
     if sensor.boxes_2d and visible.pixels is not None:
         own = VisiblePixels(visible.pixels.pixels[camera.rows], visible.pixels.bounds[camera.rows])
-        rows = batch.pool.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
+        rows = batch.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
         counts = visible_rows(arrays, sensor.name, views, "pixels", own.pixels)
         collect(collected, {"boxes_2d": rows, "box_visibility": counts})

@@ -18,4 +18,4 @@ def capture_lidar(batch: Batch, sensors: Sequence[Lidar], frames: Sequence[int],
             for weather, points in sweeps(batch.sensor_input(views, collected), sensor):
                 collected[weather]["lidar"].append(lidar_rows(batch.arrays, sensor.name, views, points))
                 on_actors = (batch.arrays, sensor.name, views, "lidar_points", points.offsets, points.object_id)
-                collected[weather]["box_visibility"].append(batch.pool.submit(point_rows, *on_actors))
+                collected[weather]["box_visibility"].append(batch.submit(point_rows, *on_actors))

@@ -24,4 +24,4 @@ def capture_radar(batch: Batch, sensors: Sequence[Radar], frames: Sequence[int],
                     tables["radar_maps"].append(radar_map_rows(arrays, sensor.name, views, maps))
                 tables["radar"].append(radar_rows(arrays, sensor.name, views, points))
                 on_actors = (arrays, sensor.name, views, "radar_points", points.offsets, points.direct_object_id)
-                tables["box_visibility"].append(batch.pool.submit(point_rows, *on_actors))
+                tables["box_visibility"].append(batch.submit(point_rows, *on_actors))
