@@ -1,5 +1,6 @@
 """Turn rows of tables, or of columns before they are tables, into mappings, and columns of samples into points."""
 
+import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
@@ -81,9 +82,10 @@ def _cell(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any
         found = values.values[begin:end].to_numpy(zero_copy_only=False)
         if found.dtype == number and (number.kind != "f" or np.isfinite(found).all()):
             return found
-    elif number is not None and isinstance(values, np.ndarray) and values.dtype == number:
-        if number.kind != "f" or np.isfinite(values[index]):
-            return values[index].item()
+    if isinstance(values, np.ndarray) and values.dtype == number:
+        value = values[index].item()
+        if number.kind != "f" or math.isfinite(value):
+            return value
     part = values if np.isscalar(values) else values[index : index + 1]
     return values_of(pa.chunked_array([cast_column(spec.name, field, part, 1)]))[0]
 

@@ -9,11 +9,13 @@ import warp as wp
 
 from mmw.core.bvh import build_bvhs
 from mmw.core.kinematics import Motion, differentiate
+from mmw.core.packed_arrays import PackedArrays
+from mmw.core.remember import remembered
 from mmw.core.transforms import make_pose, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
 from mmw.scene.foliage import MESH, has_same_crowns, optical_arrays
-from mmw.scene.scene_data import MODEL_NONE, SceneData
+from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData
 
 REBASE_BEYOND_M = 2000.0
 """Distance from the world origin [m] beyond which a town is traced about its center; float32 resolves 0.12 mm here."""
@@ -21,7 +23,12 @@ REBASE_BEYOND_M = 2000.0
 
 def instance_actors(arrays: SceneData) -> np.ndarray:
     """Return the actor index of every instance: the actors that have a prototype, in their order. Shape [V], int32."""
-    return np.array([i for i, actor in enumerate(arrays.actors) if actor.model != MODEL_NONE], dtype=np.int32)
+    return _with_prototype(arrays.actors)
+
+
+@remembered()
+def _with_prototype(actors: tuple[Actor, ...]) -> np.ndarray:
+    return np.array([i for i, actor in enumerate(actors) if actor.model != MODEL_NONE], dtype=np.int32)
 
 
 def scene_origin(points: np.ndarray) -> np.ndarray:
@@ -29,6 +36,13 @@ def scene_origin(points: np.ndarray) -> np.ndarray:
     if len(points) == 0 or np.abs(points).max() <= REBASE_BEYOND_M:
         return np.zeros(3)
     return np.round(0.5 * (points.min(axis=0) + points.max(axis=0)))
+
+
+def _same_instances(one: SceneData, other: SceneData) -> bool:
+    """Return whether two scenes have the same actors with geometry."""
+    if one.actors is other.actors:
+        return True
+    return [one.actors[i] for i in instance_actors(one)] == [other.actors[i] for i in instance_actors(other)]
 
 
 def copy_struct(struct: structs.Scene, **changed: object) -> structs.Scene:
@@ -181,10 +195,9 @@ class DeviceScene:
 
     def _check_meshes(self, method: str, arrays: SceneData) -> None:
         meshes = ("points", "faces", "material", "object_id", "surface", "models")
-        own, other = instance_actors(self.arrays), instance_actors(arrays)
         if (
             any(getattr(arrays, name) is not getattr(self.arrays, name) for name in meshes)
-            or [self.arrays.actors[i] for i in own] != [arrays.actors[i] for i in other]
+            or not _same_instances(self.arrays, arrays)
             or not has_same_crowns(self.arrays, arrays)
         ):
             raise ValueError(f"{method}: another mesh or another actor with geometry; make a new DeviceScene")
@@ -250,7 +263,6 @@ class DeviceScene:
         self._model_lower = self._array(lower.astype(np.float32), wp.vec3)
         self._model_upper = self._array(upper.astype(np.float32), wp.vec3)
         frames, instances = self.max_batch_frames, len(actors)
-        struct.instance_present = wp.zeros((frames, instances), dtype=wp.bool, device=self.device)
         struct.instance_aabb_center = self._array((0.5 * (lower + upper)).astype(np.float32), wp.vec3)
         # Slightly more than half the extent, as a margin for rounding.
         half = 0.5001 * (upper - lower) + 1e-3
@@ -260,9 +272,13 @@ class DeviceScene:
         self._lower = wp.zeros(frames * instances, dtype=wp.vec3, device=self.device)
         self._upper = wp.zeros(frames * instances, dtype=wp.vec3, device=self.device)
         self._group = wp.full(frames * instances, frames, dtype=wp.int32, device=self.device)
-        struct.instance_pose = wp.zeros((frames, instances), dtype=wp.transformf, device=self.device)
-        struct.instance_velocity = wp.zeros((frames, instances), dtype=wp.vec3, device=self.device)
-        struct.instance_rate = wp.zeros((frames, instances), dtype=wp.vec3, device=self.device)
+        kinds = (wp.transformf, wp.vec3, wp.vec3, wp.bool)
+        self._motion = PackedArrays(self.device, tuple(((frames, instances), kind) for kind in kinds))
+        self._copied: wp.Event | None = None
+        names = ("instance_pose", "instance_velocity", "instance_rate", "instance_present")
+        for name, array in zip(names, self._motion.arrays, strict=True):
+            setattr(struct, name, array)
+            array.zero_()
         struct.group_root = wp.full(frames, -1, dtype=wp.int32, device=self.device)
         self._instances: wp.Bvh | None = None
 
@@ -287,22 +303,21 @@ class DeviceScene:
     def _load_poses(self, rows: Sequence[int]) -> None:
         if self.struct.instance_count == 0:
             return
-        pose = self.arrays.poses[rows][:, self.instance_actor]
-        is_present = np.zeros((self.max_batch_frames, pose.shape[1]), dtype=bool)
-        is_present[: len(rows)] = np.isfinite(pose).all(axis=2)
-        on_device = np.zeros((self.max_batch_frames, pose.shape[1], 7), dtype=np.float32)
-        on_device[..., 6] = 1.0
+        pose, count = self.arrays.poses[rows][:, self.instance_actor], len(rows)
+        is_here = np.isfinite(pose).all(axis=2)
         pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
-        on_device[: len(rows)] = np.where(is_present[: len(rows), :, None], pose, on_device[: len(rows)])
-        self.struct.instance_pose.assign(on_device)
-        self.struct.instance_present.assign(is_present)
-        for derivative, target in (
-            (self._velocity, self.struct.instance_velocity),
-            (self._rate, self.struct.instance_rate),
-        ):
-            in_batch = np.zeros((self.max_batch_frames, pose.shape[1], 3), dtype=np.float32)
-            in_batch[: len(rows)] = np.where(is_present[: len(rows), :, None], derivative[rows], 0.0)
-            target.assign(in_batch)
+        if self._copied is not None:  # what is overwritten has been copied to the device
+            wp.synchronize_event(self._copied)
+        poses, velocity, rate, is_present = self._motion.host
+        is_present[:count], is_present[count:] = is_here, False
+        poses[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        poses[:count][is_here] = pose[is_here]
+        for derivative, target in ((self._velocity, velocity), (self._rate, rate)):
+            target[count:] = 0.0
+            target[:count] = np.where(is_here[..., None], derivative[rows], 0.0)
+        self._motion.upload()
+        if wp.get_device(self.device).is_cuda:
+            self._copied = wp.get_stream(self.device).record_event(self._copied)
         self._build_instances()
 
     def _build_instances(self) -> None:

@@ -13,12 +13,13 @@ from mmw.config.lens import USED
 from mmw.config.sampling import UNSET
 from mmw.config.sensor_spec import spec_of
 from mmw.core.kinematics import Motion
+from mmw.core.remember import remembered
 from mmw.core.transforms import normalize
 from mmw.physics.materials.material import FILE_FIELDS, file_values
 from mmw.scene.actor_counts import COUNTED, counted_in
 from mmw.scene.mounted_antennas import antenna_pose
-from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, choices, names, split
+from mmw.scene.scene_data import Actor, SceneData
+from mmw.scene.table_rows import Columns, actor_texts, names, split
 from mmw.scene.views import mount_pose
 from mmw.storage.schemas import table_spec
 from mmw.storage.table_spec import F64, list_of
@@ -28,20 +29,33 @@ def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     """Return the `frames` table: one row a frame."""
     rows = [arrays.frame_row(frame) for frame in frames]
     is_present = np.all(np.isfinite(arrays.poses[rows]), axis=2)
-    counted = [counted_in(actor.role, actor.label) for actor in arrays.actors]
+    counted = _counted(arrays.actors)
     frame = np.asarray(frames, dtype=np.int32)
     return {
         "frame": frame,
         "time_s": frame / arrays.rate_hz,
-        **{name: is_present[:, [name in columns for columns in counted]].sum(axis=1) for name in COUNTED},
+        **{name: is_present[:, counted[name]].sum(axis=1) for name in COUNTED},
         "seed": np.full(len(frame), seed),
     }
+
+
+@remembered()
+def _counted(actors: tuple[Actor, ...]) -> dict[str, np.ndarray]:
+    """Return which actors each column of `frames` counts, shape [V], bool."""
+    columns = [counted_in(actor.role, actor.label) for actor in actors]
+    return {name: np.array([name in own for own in columns], dtype=bool) for name in COUNTED}
+
+
+@remembered()
+def _agents(actors: tuple[Actor, ...]) -> np.ndarray:
+    """Return the indices of the agents, shape [n], int32."""
+    return np.array([i for i, actor in enumerate(actors) if actor.role in AGENT_ROLES], dtype=np.int32)
 
 
 def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Columns:
     """Return the `poses` table: every agent that is present."""
     rows = np.array([arrays.frame_row(frame) for frame in frames])
-    agents = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in AGENT_ROLES], dtype=np.int32)
+    agents = _agents(arrays.actors)
     row, actor = np.repeat(rows, len(agents)), np.tile(agents, len(rows))
     frame = np.repeat(np.asarray(frames, dtype=np.int32), len(agents))
     keep = np.isfinite(arrays.poses[row, actor]).all(axis=1)
@@ -50,8 +64,8 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
     return {
         "frame": frame,
         "agent": names(arrays, actor),
-        "role": choices([a.role for a in arrays.actors], actor),
-        "object_id": np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor],
+        "role": actor_texts(arrays.actors, "role").take(pa.array(actor)),
+        "object_id": np.array([arrays.actors[i].object_id for i in actor.tolist()], dtype=np.int32),
         **split(("x", "y", "z"), pose[:, :3]),
         **split(("qx", "qy", "qz", "qw"), normalize(pose[:, 3:])),
         **split(("vx", "vy", "vz"), motion.velocity[row, actor]),

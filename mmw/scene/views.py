@@ -14,10 +14,11 @@ from mmw.config.agent_keys import Body
 from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
 from mmw.core.random_keys import random_keys
+from mmw.core.remember import remembered
 from mmw.core.transforms import compose, normalize, pose_from_mount
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.scene_data import SceneData
+from mmw.scene.scene_data import Actor, SceneData
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,15 @@ def sensor_actors(arrays: SceneData, sensor: SensorConfig) -> np.ndarray:
 
     Where `SceneData.sensing` names agents, only these.
     """
+    return _carriers(arrays.actors, sensor, arrays.sensing)
+
+
+@remembered(owners=2)
+def _carriers(actors: tuple[Actor, ...], sensor: SensorConfig, sensing: frozenset[str] | None) -> np.ndarray:
     found = [
         i
-        for i, actor in enumerate(arrays.actors)
-        if sensor.is_on(*actor.identity) and (arrays.sensing is None or actor.name in arrays.sensing)
+        for i, actor in enumerate(actors)
+        if (sensing is None or actor.name in sensing) and sensor.is_on(*actor.identity)
     ]
     return np.array(found, dtype=np.int32)
 
@@ -89,6 +95,12 @@ def mount_pose(
     """Return the sensor-to-actor pose of a sensor on an actor, shape [7]; see `SensorConfig.mount_on`."""
     mount = sensor.mount_on(role, name, model, label, body)
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
+
+
+@remembered(owners=2)
+def actor_mount(actors: tuple[Actor, ...], sensor: SensorConfig, actor: int) -> np.ndarray:
+    """Return `mount_pose` of a sensor on one of the actors of a scene, given by its index."""
+    return mount_pose(sensor, *actors[actor].identity)
 
 
 def make_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
@@ -121,7 +133,7 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
     is_present = np.isfinite(pose).all(axis=1)
     frame, batch_index = frame[is_present], batch_index[is_present]
     actor, pose = actor[is_present], pose[is_present]
-    mounts = {i: mount_pose(sensor, *arrays.actors[i].identity) for i in set(actors.tolist())}
+    mounts = {i: actor_mount(arrays.actors, sensor, i) for i in set(actors.tolist())}
     mount = np.array([mounts[i] for i in actor.tolist()]).reshape(-1, 7)
     pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
     return Views(frame, batch_index, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))

@@ -10,6 +10,7 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
 from mmw.core.kinematics import Motion
 from mmw.core.later import Later
+from mmw.core.remember import remembered
 from mmw.core.timing import StageTimer
 from mmw.kernels.shading import structs as shading
 from mmw.physics.weather.weather import Weather
@@ -57,7 +58,7 @@ class Batch:
 
     def weather(self, name: str) -> Weather:
         """Return the physical values of a weather by its name."""
-        return self.config.air[name].weather(name)
+        return _weather(self.config, name)
 
     def sensor_input(self, views: Views, weathers: Iterable[str]) -> SensorInput:
         """Return the input of a sensor with these views in some weathers."""
@@ -83,6 +84,11 @@ class Batch:
     def texture_notes(self) -> list[str]:
         """Return the notes for the user on textures, one line each; nothing without RGB cameras."""
         return [line for debug in {s.debug for s in self.rgb_sensors} for line in self.rgb_camera(debug).notes]
+
+
+@remembered()
+def _weather(config: Config, name: str) -> Weather:
+    return config.air[name].weather(name)
 
 
 TableRows = dict[str, dict[str, list[Any]]]

@@ -5,6 +5,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from mmw.core.remember import remembered
 from mmw.storage.schemas import SCHEMA_VERSION, column_text, table_spec
 from mmw.storage.table_spec import FRAME, IMAGE, TableSpec, ViewSpec, frame_column
 
@@ -15,8 +16,17 @@ RATE = "mmw.frame_rate_hz"
 def arrow_schema(table: str | TableSpec | ViewSpec, meta: dict[str, str] | None = None) -> pa.Schema:
     """Return a table's Arrow schema with its file-level keys; the unit of `frame` is that of the rate in `meta`."""
     spec = table_spec(table) if isinstance(table, str) else table
+    return _own_schema(spec) if meta is None else _schema(spec, meta)
+
+
+@remembered()
+def _own_schema(spec: TableSpec | ViewSpec) -> pa.Schema:
+    return _schema(spec, {})
+
+
+def _schema(spec: TableSpec | ViewSpec, meta: dict[str, str]) -> pa.Schema:
     own = spec.columns
-    if meta and RATE in meta:
+    if RATE in meta:
         own = tuple(frame_column(meta[RATE]) if field.equals(FRAME) else field for field in own)
     columns = {field.name: column_text(field) for field in own}
     features = {field.name: _feature(field.type) for field in spec.columns}
@@ -26,7 +36,7 @@ def arrow_schema(table: str | TableSpec | ViewSpec, meta: dict[str, str] | None 
         "mmw.columns": json.dumps(columns),
         "huggingface": json.dumps({"info": {"features": features}}),
     }
-    return pa.schema(own, metadata={**keys, **(meta or {})})
+    return pa.schema(own, metadata={**keys, **meta})
 
 
 _HF_TYPES = {"float": "float32", "double": "float64"}

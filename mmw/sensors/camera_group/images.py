@@ -13,7 +13,7 @@ from mmw.sensors.camera_group.launches import Launch
 from mmw.sensors.ground_truth.boxes_2d import Boxes2d, image_boxes, visible_pixels
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.ground_truth.segmentation import object_tags
-from mmw.sensors.ground_truth.visibility import boxed_actors
+from mmw.sensors.ground_truth.visibility import boxed_actors, object_ids
 from mmw.sensors.samples import Array, Samples
 from mmw.sensors.sensor_input import SensorInput
 
@@ -49,7 +49,7 @@ def object_images(data: SensorInput, config: CameraConfig, launch: Launch, objec
         if data.output == "warp":
             found["semantic"] = wp.array(found["semantic"], dtype=wp.uint8, device=data.scene.device)
     if config.boxes_2d:
-        visible = visible_pixels(object_id, [arrays.actors[i].object_id for i in boxed_actors(arrays.actors)])
+        visible = visible_pixels(object_id, object_ids(arrays.actors)[boxed_actors(arrays.actors)])
         boxes = make_boxes(arrays, np.unique(launch.views.frame).tolist(), data.motion)
         found["boxes_2d"] = image_boxes(arrays, launch.views, launch.intrinsics, boxes, visible)
     return found

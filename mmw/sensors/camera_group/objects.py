@@ -11,7 +11,7 @@ from mmw.sensors.camera_group.rows import box_2d_rows, image_rows
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, visible_pixels
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.segmentation import object_tags
-from mmw.sensors.ground_truth.visibility import boxed_actors
+from mmw.sensors.ground_truth.visibility import boxed_actors, object_ids
 from mmw.sensors.ground_truth.visibility_rows import visible_rows
 from mmw.storage.codecs.images import encode_instance, encode_semantic
 
@@ -38,7 +38,7 @@ def find_visible_objects(batch: Batch, cameras: Sequence[LaunchCamera], object_i
         return VisibleObjects(object_id, None)
     wanted = boxed_actors(batch.arrays.actors)
     with batch.clock.stage("2-D boxes"):
-        return VisibleObjects(object_id, visible_pixels(object_id, [batch.arrays.actors[i].object_id for i in wanted]))
+        return VisibleObjects(object_id, visible_pixels(object_id, object_ids(batch.arrays.actors)[wanted]))
 
 
 def record_objects(

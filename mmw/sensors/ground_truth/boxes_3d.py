@@ -4,12 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pyarrow as pa
 
 from mmw.config.agent_keys import AGENT_ROLES
 from mmw.core.kinematics import Motion, differentiate
+from mmw.core.remember import remembered
 from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr, rotate
-from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, choices, split
+from mmw.scene.scene_data import Actor, SceneData
+from mmw.scene.table_rows import Columns, actor_texts, split
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian", "vru", "uav")
 """Actors that have a box."""
@@ -35,6 +37,32 @@ class Boxes:
     """Velocity of the middle of the box, world frame [m/s], shape [N, 3]."""
 
 
+@dataclass(frozen=True)
+class BoxedActors:
+    """The actors that have a box, in the scene's order, K of them."""
+
+    actor: np.ndarray
+    """Index in `SceneData.actors`, shape [K], int32."""
+    object_id: np.ndarray
+    """Object id, shape [K], int32."""
+    center: np.ndarray
+    """Middle of the box in the actor's frame [m], shape [K, 3]."""
+    size: np.ndarray
+    """Length, width, height [m], shape [K, 3]."""
+
+
+@remembered()
+def boxed(actors: tuple[Actor, ...]) -> BoxedActors:
+    """Return the actors that have a box."""
+    own = [(i, actor) for i, actor in enumerate(actors) if actor.role in BOX_ROLES]
+    return BoxedActors(
+        np.array([i for i, _ in own], dtype=np.int32),
+        np.array([actor.object_id for _, actor in own], dtype=np.int32),
+        np.array([actor.center for _, actor in own], dtype=np.float64).reshape(-1, 3),
+        np.array([actor.size for _, actor in own], dtype=np.float64).reshape(-1, 3),
+    )
+
+
 def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None = None) -> Boxes:
     """Return the boxes of all vehicles, people and drones that are present.
 
@@ -44,37 +72,44 @@ def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None =
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     if motion is None:
         motion = differentiate(arrays.poses, arrays.pose_dt)
-    actors = np.array([i for i, actor in enumerate(arrays.actors) if actor.role in BOX_ROLES], dtype=np.int32)
+    found = boxed(arrays.actors)
+    actors = found.actor
     frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
     row, actor = np.repeat(rows, len(actors)), np.tile(actors, len(rows))
     is_present = np.isfinite(arrays.poses[row, actor]).all(axis=1)
     frame, row, actor = frame[is_present], row[is_present], actor[is_present]
+    place = np.tile(np.arange(len(actors)), len(rows))[is_present]
 
     pose = arrays.poses[row, actor]
     q = normalize(pose[:, 3:])
-    center = np.array([arrays.actors[i].center for i in actor], dtype=np.float64).reshape(-1, 3)
+    center = found.center[place]
     upright = np.array([0.0, 0.0, 0.0, 1.0])
     return Boxes(
         frame=frame,
         actor=actor,
-        object_id=np.array([arrays.actors[i].object_id for i in actor], dtype=np.int32),
+        object_id=found.object_id[place],
         pose=compose(make_pose(pose[:, :3], q), make_pose(center, upright)),
         ypr=quaternion_to_ypr(q),
-        size=np.array([arrays.actors[i].size for i in actor], dtype=np.float64).reshape(-1, 3),
+        size=found.size[place],
         velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], rotate(q, center)),
     )
 
 
 def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
     """Return the `boxes` table: every vehicle, person and drone that is present."""
-    agents = [a.name if a.role in AGENT_ROLES else None for a in arrays.actors]
     return {
         "frame": boxes.frame.astype(np.int32),
         "object_id": boxes.object_id,
-        "category": choices([a.label for a in arrays.actors], boxes.actor),
-        "agent": choices(agents, boxes.actor),
+        "category": actor_texts(arrays.actors, "label").take(pa.array(boxes.actor)),
+        "agent": _agent_names(arrays.actors).take(pa.array(boxes.actor)),
         **split(("x", "y", "z"), boxes.pose[:, :3]),
         **split(("yaw", "pitch", "roll"), boxes.ypr),
         **split(("length", "width", "height"), boxes.size),
         **split(("vx", "vy", "vz"), boxes.velocity),
     }
+
+
+@remembered()
+def _agent_names(actors: tuple[Actor, ...]) -> pa.DictionaryArray:
+    """Return the names of the actors that are agents, null for others."""
+    return pa.array([a.name if a.role in AGENT_ROLES else None for a in actors], pa.string()).dictionary_encode()

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.config.antennas import AntennaConfig
+from mmw.core.remember import remembered
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
@@ -17,9 +18,16 @@ from mmw.sensors.ground_truth.boxes_3d import BOX_ROLES
 from mmw.sensors.ray_batch import BLOCK_DIM
 
 
+@remembered()
 def boxed_actors(scene_actors: Sequence) -> np.ndarray:
     """Return the indices of the actors that have a box, in the scene's order, shape [K], int32."""
     return np.array([i for i, actor in enumerate(scene_actors) if actor.role in BOX_ROLES], dtype=np.int32)
+
+
+@remembered()
+def object_ids(scene_actors: Sequence) -> np.ndarray:
+    """Return the object ids of all actors, shape [V], int32."""
+    return np.array([actor.object_id for actor in scene_actors], dtype=np.int32)
 
 
 def count_returns(offsets: np.ndarray, object_id: np.ndarray, wanted: Sequence[int]) -> np.ndarray:
@@ -91,7 +99,7 @@ def trace_sight(
     instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
     instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))
     first = trace_line_of_sight(scene, batch_index, start, end, instance_of[agent])
-    own = np.array([a.object_id for a in arrays.actors], dtype=np.int32)[actor]
+    own = object_ids(arrays.actors)[actor]
     is_los = (first < 0) | (first == own)
     frame = np.asarray(frames, dtype=np.int64)[batch_index]
     return LineOfSight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))

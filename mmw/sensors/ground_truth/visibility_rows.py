@@ -8,7 +8,7 @@ import pyarrow as pa
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, sample_columns
 from mmw.scene.views import Views
-from mmw.sensors.ground_truth.visibility import LineOfSight, boxed_actors, count_returns
+from mmw.sensors.ground_truth.visibility import LineOfSight, boxed_actors, count_returns, object_ids
 
 Count = Literal["lidar_points", "radar_points", "pixels"]
 """Columns that count."""
@@ -26,7 +26,7 @@ def visible_rows(arrays: SceneData, sensor: str, views: Views, column: Count, co
     actor = boxed_actors(arrays.actors)[place]
     return {
         **sample_columns(arrays, sensor, views.frame[view], views.actor[view]),
-        "object_id": _object_ids(arrays)[actor],
+        "object_id": object_ids(arrays.actors)[actor],
         **_nulls(len(view)),
         column: counts[view, place],
     }
@@ -39,7 +39,7 @@ def point_rows(
 
     `offsets` is the first point of every view, and N, shape [A + 1]; `object_id` -1 for none, shape [N].
     """
-    wanted = _object_ids(arrays)[boxed_actors(arrays.actors)].tolist()
+    wanted = object_ids(arrays.actors)[boxed_actors(arrays.actors)].tolist()
     return visible_rows(arrays, sensor, views, column, count_returns(offsets, object_id, wanted))
 
 
@@ -47,15 +47,11 @@ def sight_rows(arrays: SceneData, sensor: str, sight: LineOfSight) -> Columns:
     """Return one row for every line of sight between an agent's antenna and another actor."""
     return {
         **sample_columns(arrays, sensor, sight.frame, sight.agent),
-        "object_id": _object_ids(arrays)[sight.actor],
+        "object_id": object_ids(arrays.actors)[sight.actor],
         **_nulls(len(sight.frame)),
         "is_los": sight.is_los,
         "blocker_id": pa.array(sight.blocker, mask=sight.is_los),
     }
-
-
-def _object_ids(arrays: SceneData) -> np.ndarray:
-    return np.array([actor.object_id for actor in arrays.actors], dtype=np.int32)
 
 
 def _nulls(count: int) -> Columns:

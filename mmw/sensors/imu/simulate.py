@@ -29,7 +29,7 @@ from mmw.core.geodesy import sensor_heading
 from mmw.core.kinematics import differentiate, window
 from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, mount_pose
+from mmw.scene.views import Views, actor_mount
 from mmw.sensors.imu.config import Imu
 from mmw.sensors.imu.noise import imu_errors
 from mmw.sensors.samples import Samples
@@ -85,8 +85,7 @@ def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: 
     true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
     late = np.full(shape, np.nan) if lag else true
     for column, index in enumerate(actors):
-        actor = arrays.actors[index]
-        poses, mount, at = arrays.poses[part, index], mount_pose(config, *actor.identity), rows - part.start
+        poses, mount, at = arrays.poses[part, index], actor_mount(arrays.actors, config, int(index)), rows - part.start
         true[:, column] = np.stack(measure(poses, mount, arrays.pose_dt))[:, at]
         if lag:
             late[:, column] = np.stack(measure(poses, mount, arrays.pose_dt, lag))[:, at]

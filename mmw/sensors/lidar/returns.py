@@ -11,9 +11,11 @@ import numpy as np
 import warp as wp
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.remember import remembered
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
 from mmw.kernels.lidar import trace as lidar
+from mmw.kernels.lidar.precipitation import Air
 from mmw.physics.materials.material import Material, wet_reflectance
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.lidar.config import Lidar
@@ -92,11 +94,9 @@ def find_returns(
         inputs = [hits.rays, _carla(hits.config), key]
         wp.launch(lidar_returns.carla_kernel, hits.shape, inputs, [returns, count], device=hits.device)
     else:
-        optics = hits.config.lidar_optics()
-        air = make_air(weather, optics, hits.config.range_m, hits.device, patch_key)
-        dry = [material.lidar_reflectance for material in materials]
-        wet = [wet_reflectance(material, weather.wetness, optics.wavelength_nm) for material in materials]
-        reflectance = wp.array(np.array([dry, wet], dtype=np.float32), dtype=float, device=hits.device)
+        device = str(hits.device)
+        air = _air(hits.config, weather, device, patch_key)
+        reflectance = _reflectance(hits.config, weather, materials, device)
         traced = [hits.rays, hits.views, hits.sweep, hits.time_s, hits.direction_s]
         inputs, outputs = [*traced, reflectance, air, detector(hits.config), key], [returns, count]
         kernel = lidar_returns.physical_kernel
@@ -104,6 +104,21 @@ def find_returns(
     return returns, count
 
 
+@remembered(owners=2, size=32)
+def _air(config: Lidar, weather: Weather, device: str, patch_key: tuple[int, int]) -> Air:
+    return make_air(weather, config.lidar_optics(), config.range_m, device, patch_key)
+
+
+@remembered(owners=3, size=32)
+def _reflectance(config: Lidar, weather: Weather, materials: Sequence[Material], device: str) -> wp.array:
+    """Return the reflectance of every material, dry and as it is in a weather, on a device, shape [2, M]."""
+    wavelength_nm = config.lidar_optics().wavelength_nm
+    dry = [material.lidar_reflectance for material in materials]
+    wet = [wet_reflectance(material, weather.wetness, wavelength_nm) for material in materials]
+    return wp.array(np.array([dry, wet], dtype=np.float32), dtype=float, device=device)
+
+
+@remembered(size=32)
 def detector(config: Lidar) -> lidar_returns.Detector:
     """Return what decides over a return in `physical`.
 

@@ -4,7 +4,7 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import warp as wp
@@ -12,6 +12,7 @@ import warp as wp
 from mmw.core.frame_rate import seconds
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.random_keys import random_key
+from mmw.core.remember import remembered
 from mmw.core.transfer import to_host
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
@@ -55,6 +56,25 @@ def _with_flow(data: SensorInput, points: PointCloud) -> PointCloud:
     return replace(points, scene_flow=wp.array(flow, dtype=float, device=data.scene.device))
 
 
+@dataclass(frozen=True)
+class _Pattern:
+    """Rays of a LiDAR on a device."""
+
+    direction_s: wp.array
+    """Direction of each ray in the sensor frame, shape [R]."""
+    order: wp.array
+    """Numbers of the rays in the order of the threads, shape [R], int32."""
+
+
+@remembered(size=32)
+def _on_device(config: Lidar, device: str) -> _Pattern:
+    order = lidar_order(config.channels, config.points_per_channel)
+    return _Pattern(
+        wp.array(lidar_pattern(config).astype(np.float32), dtype=wp.vec3, device=device),
+        wp.array(order, dtype=wp.int32, device=device),
+    )
+
+
 def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | None = None) -> LidarHits:
     """Return the first surface on every ray of every view.
 
@@ -69,8 +89,8 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
         InputError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
     """
     device = scene.device
-    directions = lidar_pattern(config)
-    shape = len(views), len(directions)
+    pattern = _on_device(config, str(device))
+    shape = len(views), config.channels * config.points_per_channel
     check_count("LiDAR", *shape, 2 if config.returns == "dual" else 1)
     rays = empty_struct(lidar.LidarRays, shape, device)
     hits = LidarHits(
@@ -79,13 +99,12 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
         views.for_scene(scene),
         _sweep(scene, views, config, motion),
         wp.array(seconds(views.frame, scene.arrays.rate_hz), dtype=wp.float32, device=device),
-        wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device),
+        pattern.direction_s,
         device,
     )
     if len(views):
-        order = wp.array(lidar_order(config.channels, config.points_per_channel), dtype=wp.int32, device=device)
         kernel, sweep = (lidar.rolling_kernel, [hits.sweep]) if config.rolling else (lidar.lidar_kernel, [])
-        inputs = [scene.struct, hits.views, *sweep, hits.direction_s, order, config.range_m]
+        inputs = [scene.struct, hits.views, *sweep, hits.direction_s, pattern.order, config.range_m]
         wp.launch(kernel, shape, inputs, [rays], device=device, block_dim=BLOCK_DIM)
     return hits
 

@@ -17,9 +17,8 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.mirrors import mirror_table
-from mmw.sensors.radar.reflectivity import reflectivity_table
 from mmw.sensors.radar.resolution_cells import cell_grid
-from mmw.sensors.radar.trace import radar_grid, radar_link, shade_radar
+from mmw.sensors.radar.trace import radar_grid, radar_link, shade_radar, surfaces_on_device
 from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
 
 ECHOES = {"none": 1, "ground": 4, "full": 7}
@@ -161,7 +160,7 @@ def shade_paths(
         values = wp.zeros(echoes.range.shape, dtype=float, device=device)
         wp.launch(echo_paths.direct_kernel, (views, count), [direct], [values], device=device)
         setattr(echoes, name, values)
-    surface = wp.array(reflectivity_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
+    surface = surfaces_on_device(materials, weather, config.carrier_hz, str(device))
     table = mirror_table(materials, paths.mirror_ids, config.carrier_hz)
     mirrors = wp.array(table, dtype=wp.vec4, device=device)
     outputs = [echoes.rcs, echoes.power, echoes.turns]

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from mmw.core.remember import remembered
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.materials.material import Material
@@ -116,6 +117,7 @@ def radome_loss_db(weather: Weather, config: Radar) -> float:
     return config.wet_radome_db * (weather.rain_mm_h / RADOME_RAIN_MM_H) ** (1.0 / 3.0)
 
 
+@remembered(owners=2, size=32)
 def radar_link(weather: Weather, config: Radar) -> radar.RadarLink:
     """Return the radar equation of one weather."""
     link = radar.RadarLink()
@@ -125,6 +127,12 @@ def radar_link(weather: Weather, config: Radar) -> radar.RadarLink:
     link.azimuth_beam = math.radians(config.horizontal_beam_deg or config.horizontal_fov_deg)
     link.elevation_beam = math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
     return link
+
+
+@remembered(owners=2, size=32)
+def surfaces_on_device(materials: Sequence[Material], weather: Weather, carrier_hz: float, device: str) -> wp.array:
+    """Return `reflectivity_table` on a device, shape [M], vec3."""
+    return wp.array(reflectivity_table(materials, weather, carrier_hz), dtype=wp.vec3, device=device)
 
 
 def shade_radar(
@@ -152,7 +160,7 @@ def shade_radar(
     for name in ("range", "azimuth", "elevation", "velocity", "object_id"):
         setattr(rays, name, getattr(hits, name))
     rays.rcs, rays.power = (wp.empty(shape, dtype=float, device=device) for _ in range(2))
-    surface = wp.array(reflectivity_table(materials, weather, config.carrier_hz), dtype=wp.vec3, device=device)
+    surface = surfaces_on_device(materials, weather, config.carrier_hz, str(device))
     inputs, outputs = [hits, surface, radar_link(weather, config)], [rays.rcs, rays.power]
     wp.launch(radar.echo_kernel, shape, inputs, outputs, device=device, block_dim=BLOCK_DIM)
     return rays

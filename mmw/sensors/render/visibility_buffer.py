@@ -4,6 +4,7 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 import warp as wp
@@ -82,9 +83,9 @@ class SampleBuffer:
         """Threads that work on all samples that are shaded."""
         return self.threads + len(self.extras.shaded)
 
-    @property
+    @cached_property
     def picture(self) -> picture.Picture:
-        """Struct of it for kernels."""
+        """Struct of it for kernels; what is set in `extras` later is not in it."""
         images = picture.Picture()
         images.views, images.camera = self.on_device, self.camera
         images.extras, images.samples = self.extras, self.samples
@@ -125,7 +126,7 @@ def trace_samples(
         ValueError: If a view's frame is not loaded in the scene.
     """
     count = len(views) * intrinsics.height * intrinsics.width
-    none = _extras(count, wp.empty(0, dtype=int, device=scene.device), ())
+    none = _extras(count, no_rows(str(scene.device)), ())
     room = int(ROOM_FOR_EXTRAS * count) if with_surfaces else 0
     samples = empty_samples(count + room, scene.device, with_surfaces=with_surfaces)
     camera = device_camera(intrinsics, range_m)
@@ -159,11 +160,21 @@ def _extras(first: int, row: wp.array, offsets: tuple) -> shading.Extras:
     """Return the further rays of the pixels of some rows, before it is known whose light they bring."""
     extras = shading.Extras()
     extras.first, extras.row = first, row
-    at = np.array(offsets, dtype=np.float32).reshape(-1, 2)
-    extras.offset = wp.array(at, dtype=wp.vec2, device=row.device)
-    extras.source = wp.empty(0, dtype=int, device=row.device)
-    extras.shaded = wp.empty(0, dtype=int, device=row.device)
+    extras.offset = _offsets(offsets, str(row.device))
+    extras.source = extras.shaded = no_rows(str(row.device))
     return extras
+
+
+@lru_cache(maxsize=32)
+def _offsets(offsets: tuple, device: str) -> wp.array:
+    at = np.array(offsets, dtype=np.float32).reshape(-1, 2)
+    return wp.array(at, dtype=wp.vec2, device=device)
+
+
+@lru_cache(maxsize=32)
+def no_rows(device: str) -> wp.array:
+    """Return an array of row numbers without any."""
+    return wp.empty(0, dtype=int, device=device)
 
 
 def _trace(buffer: SampleBuffer, first: int, threads: int) -> None:
@@ -232,13 +243,13 @@ def with_extras(buffer: SampleBuffer, edges: "FlaggedRows", per_pixel: int) -> S
     else:
         is_traced[: both.further].fill_(1)
     extras.shaded = FlaggedRows(both, is_traced, buffer.threads).listed()
-    traced = len(extras.shaded)
+    both, traced = replace(both), len(extras.shaded)
     _trace(both, buffer.threads, traced)
     is_shaded = empty_flags(traced, device)
     inputs = [scene, both.picture, extras.shaded]
     _launch(kernels.source_kernel, traced, inputs, [extras.source, is_shaded])
     extras.shaded = FlaggedRows(both, is_shaded, buffer.threads).listed()
-    return both
+    return replace(both)
 
 
 def empty_flags(threads: int, device: str) -> wp.array:

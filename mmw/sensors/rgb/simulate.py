@@ -158,6 +158,8 @@ class RgbRenderer:
         Raises:
             ValueError: If the scene was not read for a weather.
         """
+        if weathers.keys() <= self._shading.keys():
+            return
         scene, seed = self._scene, self._seed
         ground = float(scene.arrays.points[:, 2].min() - scene.origin[2]) if len(scene.arrays.points) else 0.0
         for name, weather in weathers.items():
