@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
+from functools import cached_property
 from typing import Any
 
 import pyarrow as pa
@@ -14,6 +15,7 @@ from mmw.config.sensor_spec import SENSORS
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.later import start_all
+from mmw.core.remember import remembered
 from mmw.dataset.frame import Frame
 from mmw.dataset.sample_rows import Row, row_of_columns
 from mmw.dataset.table_reader import MemoryTables
@@ -95,6 +97,7 @@ class FrameTables:
         self.root = root
         self._where = scenario, weather, frame
         self._load = load
+        self.static = static
         self._held: dict[str, pa.Table] = dict(static)
         self._makers = makers
         self._rows: dict[str, list[Any]] = defaultdict(list)
@@ -125,6 +128,21 @@ class FrameTables:
             raise InputError(f"{self.root}: has no table {table!r}; it has {', '.join(self.tables)}; name one of these")
         return MemoryTables(self.root, self._held, FRAME_RATE_HZ).read(table, **where)
 
+    def rows(self, table: str) -> list[Row]:
+        """Return the rows of a table that frames change, by its key; none of another table, or of one that was read."""
+        if table not in self._makers or table in self._held:
+            return []
+        self.trace([table])
+        spec, found = table_spec(table), list[Row]()
+        for columns in map(_ended, self._rows[table]):
+            whole = self._fixed(columns)
+            found += [row_of_columns(spec, whole, index) for index in range(len(columns["frame"]))]
+        return sorted(found, key=lambda row: [row[name] for name in spec.key])
+
+    def _fixed(self, columns: Mapping[str, Any]) -> dict[str, Any]:
+        scenario, weather, _ = self._where
+        return {"scenario": scenario, "weather": weather, **columns}
+
     def trace(self, tables: Iterable[str] | None = None) -> None:
         """Trace what some tables hold, or all tables for None, at once: cameras share their rays.
 
@@ -152,8 +170,7 @@ class FrameTables:
         for columns in map(_ended, parts):
             index = _row_index(columns, agent, sensor)
             if index is not None:
-                scenario, weather, _ = self._where
-                return row_of_columns(table_spec(table), {"scenario": scenario, "weather": weather, **columns}, index)
+                return row_of_columns(table_spec(table), self._fixed(columns), index)
         return None
 
     def trace_samples(self, agent: str, sensors: Collection[str]) -> None:
@@ -191,6 +208,12 @@ class FrameTables:
         return join_batches(name, scenario, weather, parts)
 
 
+@remembered(size=8)
+def static_table_rows(static: Mapping[str, pa.Table], table: str) -> list[Row]:
+    """Return the rows of a table that no frame changes."""
+    return static[table].to_pylist()
+
+
 def _ended(columns: Any) -> Mapping[str, Any]:
     return columns.result() if isinstance(columns, Future) else columns
 
@@ -210,15 +233,20 @@ class LiveFrame(Frame):
     """A frame of a live simulation, traced when it is looked at: a sensor of an agent by itself."""
 
     def trace(self, *tables: str) -> None:
-        """Trace what some tables hold, or all for none, at once: faster than one look after the other.
-
-        Cameras share launches and rays as in a dataset that is generated.
-
-        Raises:
-            InputError: If there is no such table, or the simulation is closed.
-        """
+        """Trace what some tables hold, or all for none, at once."""
         assert isinstance(self.data, FrameTables)
         self.data.trace(tables or None)
+
+    def rows(self, table: str) -> list[Row]:
+        """Return the rows of a table as mappings, by its key; lists of numbers are arrays."""
+        assert isinstance(self.data, FrameTables)
+        return super().rows(table) if table in self._tables else self.data.rows(table) or super().rows(table)
+
+    @cached_property
+    def sensor_rows(self) -> list[Row]:
+        """Rows of table `sensors` of the scenario."""
+        assert isinstance(self.data, FrameTables)
+        return static_table_rows(self.data.static, "sensors")
 
     def row_of(self, table: str, agent: str, sensor: str) -> Row | None:
         """Return the row of one sensor in a table; None if there is none."""
