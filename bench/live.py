@@ -1,8 +1,9 @@
 """Measure steps of a live simulation: `python -m bench.live --device cuda:0`, or `--device cpu`.
 
-`quickstart` with the LiDAR of the paper on `cav_1`; with `--suite` all sensors of `configs/full.yaml`. Every step is timed from its control to the last row on the host;
-median and 99th percentile count, after a warm-up, and the mean time that the process had a core, which tells what a
-machine without other work would take. The episode starts anew where its frames end.
+`quickstart` with the LiDAR of the paper on `cav_1`; with `--suite` all sensors of `configs/full.yaml`. Every step is
+timed from its control to the last row on the host; median and 99th percentile count, after a warm-up, and the mean time
+that the process had a core, which tells what a machine without other work would take. The episode starts anew where its
+frames end.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Transform points between world, agent, sensor and pixels by the poses and intrinsics of a dataset."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,7 @@ from mmw.sensors.render.projection import project, unproject
 
 __all__ = [
     "CORNERS", "EDGES", "POSE_COLUMNS", "Camera", "box_corners", "from_world", "intrinsics_from_row", "pose_from_row",
-    "to_world",
+    "poses_from_rows", "to_world",
 ]  # fmt: skip
 
 POSE_COLUMNS = ("x", "y", "z", "qx", "qy", "qz", "qw")
@@ -29,8 +29,14 @@ EDGES = np.array([(a, b) for a in range(8) for b in range(a + 1, 8) if bin(a ^ b
 
 def pose_from_row(row: Mapping[str, Any]) -> np.ndarray:
     """Return the pose (x, y, z, qx, qy, qz, qw) of a row of `poses` or `sensors`, shape [7]."""
-    pose = np.array([row[name] for name in POSE_COLUMNS], dtype=np.float64)
-    return np.concatenate([pose[:3], normalize(pose[3:])])
+    return poses_from_rows([row])[0]
+
+
+def poses_from_rows(rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
+    """Return the poses of some rows, shape [N, 7], see `pose_from_row`."""
+    values = [[row[name] for name in POSE_COLUMNS] for row in rows]
+    pose = np.array(values, dtype=np.float64).reshape(-1, len(POSE_COLUMNS))
+    return np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
 
 
 def from_world(pose: ArrayLike, points: ArrayLike) -> np.ndarray:

@@ -16,7 +16,7 @@ from mmw.core.errors import InputError
 from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
-from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, pose_from_row, to_world
+from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, poses_from_rows, to_world
 from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.sample_rows import Row, points_of, rows_of_table
 from mmw.dataset.table_reader import TableReader
@@ -177,7 +177,14 @@ class Agent:
         Raises:
             InputError: If it has no such sensor.
         """
-        return compose(self.pose, pose_from_row(self._mount(sensor)))
+        self._mount(sensor)
+        return self._sensor_poses[sensor]
+
+    @cached_property
+    def _sensor_poses(self) -> dict[str, np.ndarray]:
+        """Sensor -> its pose in the world, shape [7]."""
+        mounts = poses_from_rows(list(self.sensors.values()))
+        return dict(zip(self.sensors, compose(self.pose, mounts), strict=True))
 
     @cached_property
     def sensors(self) -> dict[str, Row]:
@@ -349,8 +356,10 @@ class Frame:
     @cached_property
     def agents(self) -> dict[str, Agent]:
         """Name -> agent, connected vehicles and roadside units that are there."""
+        rows = self.rows("poses")
         return {
-            row["agent"]: Agent(self, row["agent"], row["role"], row, pose_from_row(row)) for row in self.rows("poses")
+            row["agent"]: Agent(self, row["agent"], row["role"], row, pose)
+            for row, pose in zip(rows, poses_from_rows(rows), strict=True)
         }
 
     @cached_property

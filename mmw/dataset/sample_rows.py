@@ -70,22 +70,24 @@ def _number_type(type_: pa.DataType) -> np.dtype | None:
 
 
 def _cell(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, index: int) -> Any:
-    if field.type == IMAGE and isinstance(values, list) and values[index] is not None:
-        image, path = values[index]
-        return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
     if isinstance(values, str):
         return values
-    if isinstance(values, pa.DictionaryArray) and number is None and values[index].is_valid:
-        return values.dictionary[values.indices[index].as_py()].as_py()
-    if number is not None and isinstance(values, pa.ListArray) and values.null_count == 0:
-        begin, end = values.offsets[index].as_py(), values.offsets[index + 1].as_py()
-        found = values.values[begin:end].to_numpy(zero_copy_only=False)
-        if found.dtype == number and (number.kind != "f" or np.isfinite(found).all()):
-            return found
-    if isinstance(values, np.ndarray) and values.dtype == number:
-        value = values[index].item()
-        if number.kind != "f" or math.isfinite(value):
-            return value
+    if isinstance(values, np.ndarray):
+        if values.dtype == number and (number.kind != "f" or math.isfinite(values[index])):
+            return values[index].item()
+    elif isinstance(values, pa.Array):
+        one = values[index]
+        if field.nullable and not one.is_valid:
+            return None
+        if number is None and isinstance(values, pa.DictionaryArray) and one.is_valid:
+            return one.as_py()
+        if number is not None and isinstance(values, pa.ListArray) and one.is_valid:
+            found = one.values.to_numpy(zero_copy_only=False)
+            if found.dtype == number and (number.kind != "f" or np.isfinite(found).all()):
+                return found
+    elif isinstance(values, list) and isinstance(values[index], tuple) and field.type == IMAGE:
+        image, path = values[index]
+        return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
     part = values if np.isscalar(values) else values[index : index + 1]
     return values_of(pa.chunked_array([cast_column(spec.name, field, part, 1)]))[0]
 

@@ -31,6 +31,7 @@ from mmw.generation.pipeline import join_batches
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import table_spec, views_of
+from mmw.storage.table_spec import TableSpec
 
 POSES = ("frames", "poses")
 BOXES = ("boxes",)
@@ -109,6 +110,10 @@ class FrameTables:
         """Names of the tables."""
         return tuple(dict.fromkeys((*self._held, *self._makers)))
 
+    def changes(self, table: str) -> bool:
+        """Return whether frames change a table."""
+        return table in self._makers
+
     def frame_rate_hz(self, scenario: str) -> int:
         """Return the frames a second [Hz]."""
         return FRAME_RATE_HZ
@@ -133,7 +138,7 @@ class FrameTables:
         if table not in self._makers or table in self._held:
             return []
         self.trace([table])
-        spec, found = table_spec(table), list[Row]()
+        spec, found = _specs(self._makers)[table], list[Row]()
         for columns in map(_ended, self._rows[table]):
             whole = self._fixed(columns)
             found += [row_of_columns(spec, whole, index) for index in range(len(columns["frame"]))]
@@ -150,7 +155,7 @@ class FrameTables:
             InputError: If there is no such table, or the simulation is closed.
         """
         for name in tables or ():
-            if name not in self.tables:
+            if name not in self._makers and name not in self.static:
                 raise InputError(f"{self.root}: has no table {name!r}; it has {', '.join(self.tables)}; name one")
         wanted = self._makers if tables is None else [name for name in tables if name in self._makers]
         needed = dict.fromkeys(maker for name in wanted for maker in self._makers[name])
@@ -170,7 +175,7 @@ class FrameTables:
         for columns in map(_ended, parts):
             index = _row_index(columns, agent, sensor)
             if index is not None:
-                return row_of_columns(table_spec(table), self._fixed(columns), index)
+                return row_of_columns(_specs(self._makers)[table], self._fixed(columns), index)
         return None
 
     def trace_samples(self, agent: str, sensors: Collection[str]) -> None:
@@ -206,6 +211,11 @@ class FrameTables:
         start_all(parts)
         scenario, weather, _ = self._where
         return join_batches(name, scenario, weather, parts)
+
+
+@remembered(size=8)
+def _specs(makers: Mapping[str, list[Maker]]) -> dict[str, TableSpec]:
+    return {name: table_spec(name) for name in makers}
 
 
 @remembered(size=8)
@@ -251,7 +261,7 @@ class LiveFrame(Frame):
     def row_of(self, table: str, agent: str, sensor: str) -> Row | None:
         """Return the row of one sensor in a table; None if there is none."""
         assert isinstance(self.data, FrameTables)
-        if table in self._tables or table not in self.data.tables:
+        if table in self._tables or not self.data.changes(table):
             return super().row_of(table, agent, sensor)
         return self.data.sample(table, agent, sensor)
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import warp as wp
 
+from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.kernels.radar import detection as radar_detection
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.sensors.radar.config import Radar
@@ -98,11 +99,16 @@ def detect(config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: 
 def _draw(
     kernel: wp.Kernel, keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str
 ) -> np.ndarray:
-    out = wp.empty(len(view), dtype=wp.vec4, device=device)
-    rows = (wp.array(values.astype(np.int32), dtype=int, device=device) for values in (view, item))
-    inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), *rows, draw]
-    wp.launch(kernel, len(view), inputs, [out], device=device)
-    return out.numpy().astype(np.float64).reshape(-1, 4)
+    count, room = len(view), padded_count(len(view))
+    block = borrow_arrays(
+        device, ((len(keys),), wp.vec2ui), ((room,), wp.int32), ((room,), wp.int32), ((room,), wp.vec4)
+    )
+    block.host[0][:], block.host[1][:count], block.host[2][:count] = keys, view, item
+    *inputs, out = block.upload()
+    wp.launch(kernel, count, [*inputs, draw], [out], device=device)
+    numbers = block.download()[3][:count].astype(np.float64)
+    block.release()
+    return numbers
 
 
 def uniform(keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str) -> np.ndarray:
@@ -218,12 +224,14 @@ def _is_rain(
 
 
 def _is_peak(config: Radar, points: _Points, device: str) -> np.ndarray:
-    candidates = radar_detection.Candidates()
-    candidates.view = wp.array(points.view.astype(np.int32), dtype=int, device=device)
-    for name in ("range", "velocity", "y", "z", "power"):
-        setattr(candidates, name, wp.array(getattr(points, name).astype(np.float32), dtype=float, device=device))
     count = len(points.view)
-    is_peak = wp.empty(count, dtype=int, device=device)
+    candidates, is_peak = radar_detection.Candidates(), wp.empty(count, dtype=int, device=device)
+    names = ("range", "velocity", "y", "z", "power")
+    values = np.stack([getattr(points, name).astype(np.float32) for name in names])
+    on_device = wp.array(values, dtype=float, device=device)
+    candidates.view = wp.array(points.view.astype(np.int32), dtype=int, device=device)
+    for row, name in enumerate(names):
+        setattr(candidates, name, on_device[row])
     wp.launch(radar_detection.peak_kernel, count, [candidates, cell_grid(config)], [is_peak], device=device)
     return is_peak.numpy() != 0
 
