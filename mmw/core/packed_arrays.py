@@ -96,6 +96,17 @@ def borrow_arrays(device: str, *layouts: Layout) -> PackedArrays:
     return free.pop() if free else PackedArrays(device, layouts)
 
 
+def device_arrays(device: str, layouts: Sequence[Layout]) -> list[wp.array]:
+    """Return arrays with undefined values in one block on a device, which is freed with the last of them.
+
+    Args:
+        device: Warp device.
+        layouts: Shape and type of each array.
+    """
+    offsets, size = _offsets(layouts)
+    return _views(wp.empty(size, dtype=wp.uint8, device=device), layouts, offsets)
+
+
 def padded_count(count: int) -> int:
     """Return a number of rows of at least `count`, one of few, so that blocks of similar sizes are used again."""
     return count if count > KEPT_BYTES else max(64, 1 << (count - 1).bit_length())

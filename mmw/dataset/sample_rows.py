@@ -73,7 +73,7 @@ def _cell(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any
     if isinstance(values, str):
         return values
     if isinstance(values, np.ndarray):
-        if values.dtype == number and (number.kind != "f" or math.isfinite(values[index])):
+        if number is not None and values.dtype == number and (number.kind != "f" or math.isfinite(values[index])):
             return values[index].item()
     elif isinstance(values, pa.Array):
         one = values[index]

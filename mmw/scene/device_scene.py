@@ -304,7 +304,7 @@ class DeviceScene:
         if self.struct.instance_count == 0:
             return
         pose, count = self.arrays.poses[rows][:, self.instance_actor], len(rows)
-        is_here = np.isfinite(pose).all(axis=2)
+        is_here = np.asarray(np.isfinite(pose).all(axis=2))
         pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
         if self._copied is not None:  # what is overwritten has been copied to the device
             wp.synchronize_event(self._copied)

@@ -2,9 +2,8 @@
 
 from typing import Any
 
-import warp as wp
-
 from mmw.core.errors import InputError
+from mmw.core.packed_arrays import device_arrays
 
 BLOCK_DIM = 64
 """Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
@@ -27,8 +26,17 @@ def check_count(sensor: str, views: int, rays: int, returns: int = 1) -> None:
 
 
 def empty_struct(struct: Any, shape: int | tuple[int, ...], device: str, **shapes: int | tuple[int, ...]) -> Any:
-    """Return a struct of arrays of one shape, but for those with a shape of their own; a kernel writes the values."""
+    """Return a struct of arrays of one shape, but for those with a shape of their own; a kernel writes the values.
+
+    The arrays lie in one block of memory: an allocation costs the same for one as for all.
+    """
+    names = list(struct.vars)
+    layouts = [(_shape(shapes.get(name, shape)), struct.vars[name].type.dtype) for name in names]
     result = struct()
-    for name, field in struct.vars.items():
-        setattr(result, name, wp.empty(shapes.get(name, shape), dtype=field.type.dtype, device=device))
+    for name, array in zip(names, device_arrays(device, layouts), strict=True):
+        setattr(result, name, array)
     return result
+
+
+def _shape(shape: int | tuple[int, ...]) -> tuple[int, ...]:
+    return (shape,) if isinstance(shape, int) else shape

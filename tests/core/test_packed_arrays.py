@@ -1,10 +1,12 @@
 """Arrays that share one block hold what was put into them, and blocks are used again only after their release."""
 
+import gc
+
 import numpy as np
 import pytest
 import warp as wp
 
-from mmw.core.packed_arrays import KEPT_BYTES, borrow_arrays, padded_count
+from mmw.core.packed_arrays import KEPT_BYTES, borrow_arrays, device_arrays, padded_count
 
 
 @pytest.mark.parametrize("rows", [5, KEPT_BYTES // 8 + 1])
@@ -48,3 +50,15 @@ def test_an_array_keeps_its_block_alive(device):
 def test_padded_counts_are_few_and_large_enough(count):
     assert count <= padded_count(count) <= max(64, 2 * count)
     assert padded_count(count) in (64, 128, 1024, KEPT_BYTES + 3)
+
+
+def test_arrays_of_a_block_live_as_long_as_one_of_them(device: str) -> None:
+    arrays = device_arrays(device, [((4,), wp.float32), ((0,), wp.int32), ((2, 3), wp.vec3)])
+    assert [array.shape for array in arrays] == [(4,), (0,), (2, 3)]
+    for number, array in enumerate(arrays[::2]):
+        array.fill_(float(number + 1))
+    kept, values = arrays[2][1:], arrays[0].numpy()
+    del arrays, array
+    gc.collect()
+    others = [wp.full(16, 7.0, dtype=float, device=device) for _ in range(8)]
+    assert values.tolist() == [1.0] * 4 and (kept.numpy() == 2.0).all() and len(others) == 8

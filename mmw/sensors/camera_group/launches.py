@@ -7,6 +7,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.remember import remembered
 from mmw.core.transfer import numpy_type, to_host
 from mmw.kernels.shading import structs as shading
 from mmw.scene.device_scene import DeviceScene
@@ -152,8 +153,14 @@ def _groups(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
     """Return the cameras by their settings, in the order of the first of each."""
     groups: dict[str, list[RgbCamera]] = {}
     for camera in cameras:
-        groups.setdefault(camera.model_dump_json(exclude=OWN_KEYS), []).append(camera)
+        groups.setdefault(_settings(camera), []).append(camera)
     return list(groups.values())
+
+
+@remembered()
+def _settings(camera: RgbCamera) -> str:
+    """Return the keys that are equal within a launch, as text."""
+    return camera.model_dump_json(exclude=OWN_KEYS)
 
 
 def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:

@@ -3,6 +3,7 @@
 import warp as wp
 
 from mmw.core.camera_models import MODELS, Intrinsics
+from mmw.core.remember import remembered
 from mmw.kernels.camera import camera as kernels
 
 TILE = 8
@@ -12,6 +13,7 @@ BLOCK_DIM = TILE * TILE
 """Threads of a block: one a pixel of its square."""
 
 
+@remembered()
 def device_camera(intrinsics: Intrinsics, range_m: float) -> kernels.Camera:
     """Return a camera as kernels take it.
 

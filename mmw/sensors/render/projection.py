@@ -7,6 +7,7 @@ import numpy as np
 from mmw.config.lens import LensConfig
 from mmw.core.camera_models import Intrinsics
 from mmw.core.errors import InputError
+from mmw.core.remember import remembered
 
 NEAREST = 1e-6
 """Depth over distance from which on a point counts as before a pinhole."""
@@ -27,6 +28,7 @@ class CameraSection(Protocol):
     def range_m(self) -> float: ...
 
 
+@remembered()
 def intrinsics_of(config: CameraSection) -> Intrinsics:
     """Return the intrinsics of a configured camera.
 

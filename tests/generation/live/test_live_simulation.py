@@ -1,7 +1,8 @@
 """Live simulation: frames that are traced when looked at, equal to those of the dataset that is saved."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -11,6 +12,8 @@ import mmw
 from mmw import Control
 from mmw.cli.verify import main as verify
 from mmw.core.errors import InputError
+from mmw.dataset.sample_rows import rows_of_table
+from mmw.storage.schemas import table_spec
 from tests.fixtures.own_world import DATA
 from tests.fixtures.simulated_files import assert_same_samples, write_simulated
 
@@ -82,6 +85,30 @@ def test_a_sensor_of_an_agent_alone_is_that_of_all(live: mmw.Simulation) -> None
     assert alone.agents["cav_1"].sensor("front") is not None
     with pytest.raises(InputError, match="name one"):
         alone.agents["cav_1"].sensor("nose")
+
+
+def plain(rows: list[dict[str, Any]]) -> str:
+    """Return rows as text, with the bytes of images."""
+    return repr([{k: dict(v) if isinstance(v, Mapping) else v for k, v in row.items()} for row in rows])
+
+
+def test_tables_that_are_traced_at_once_are_those_of_one_look_after_the_other(live: mmw.Simulation) -> None:
+    together, alone = live.reset(), live.reset()
+    together.trace()
+    names = [name for name in together.data.tables if table_spec(name).framed]
+    assert {"rgb", "depth", "boxes_2d", "box_visibility", "lidar", "radar", "links"} <= set(names)
+    rows = {name: together.rows(name) for name in names}
+    car = alone.agents["cav_1"]
+    assert car.samples("rgb").keys() == {"front"} and len(car.sensor("lidar")) > 10
+    for name in names:
+        assert together.table(name) == alone.table(name), name
+        assert plain(rows[name]) == plain(rows_of_table(alone.table(name)))
+    for name in ("front", "depth"):
+        one, other = (frame.agents["rsu_1"].sensor(name) for frame in (together, alone))
+        key = "rgb" if name == "front" else "depth"
+        assert np.array_equal(getattr(one, key), getattr(other, key))
+    with pytest.raises(InputError, match="has no table 'nose'"):
+        alone.trace("nose")
 
 
 def test_same_seed_and_controls_give_the_same_rows_and_old_frames_stay_theirs(live: mmw.Simulation) -> None:

@@ -1,0 +1,65 @@
+"""Rows of columns are those of the table that the columns make."""
+
+from concurrent.futures import Future
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from mmw.dataset.sample_rows import WaitingImage, row_of_columns, rows_of_table
+from mmw.storage.arrow_tables import unsorted_table
+from mmw.storage.schemas import table_spec
+
+NAMES = pa.array(["cav_2", "cav_1"]).dictionary_encode()
+
+
+def columns_of(table: str, **own: object) -> dict[str, object]:
+    """Return columns of two rows, with numbers of other types than those of the table."""
+    columns: dict[str, object] = {}
+    for field in table_spec(table).columns:
+        if pa.types.is_floating(field.type):
+            columns[field.name] = np.array([0.1, -2.5])
+        elif pa.types.is_integer(field.type):
+            columns[field.name] = np.array([3, 5])
+        elif pa.types.is_list(field.type):
+            dtype = np.dtype(field.type.value_type.to_pandas_dtype())
+            columns[field.name] = pa.nulls(2) if field.nullable else [np.array([1, 2], dtype), np.zeros(0, dtype)]
+    return {**columns, "scenario": "s", "weather": "sunny", "agent": NAMES, **own}
+
+
+@pytest.mark.parametrize(
+    ("table", "own"),
+    [
+        ("poses", {"role": ["cav", "rsu"]}),
+        ("imu", {"sensor": "imu", "handedness": "right"}),
+        ("lidar", {"sensor": "lidar", "x": pa.array([[1.5], []], pa.list_(pa.float32()))}),
+        ("rgb", {"sensor": "front", "format": "png", "image": [(b"a", "a.png"), None]}),
+        ("box_visibility", {"sensor": "x", "is_los": [True, None], "blocker_id": pa.array([4, None])}),
+    ],
+)
+def test_rows_of_columns_are_those_of_their_table(table: str, own: dict[str, object]) -> None:
+    columns = columns_of(table, **own)
+    wanted = rows_of_table(unsorted_table(table, columns))
+    for index, row in enumerate(wanted):
+        found = row_of_columns(table_spec(table), columns, index)
+        assert list(found) == list(row)
+        assert repr(found) == repr(row)
+        assert [getattr(value, "dtype", None) for value in found.values()] == [
+            getattr(value, "dtype", None) for value in row.values()
+        ]
+
+
+def test_number_that_is_not_finite_is_refused_as_in_a_table() -> None:
+    columns = columns_of("poses", role="cav", x=np.array([0.0, np.nan]))
+    assert row_of_columns(table_spec("poses"), columns, 0)["x"] == 0.0
+    with pytest.raises(ValueError, match="column 'x': 1 values are not finite"):
+        row_of_columns(table_spec("poses"), columns, 1)
+
+
+def test_image_is_waited_for_when_its_bytes_are_asked_for() -> None:
+    image: Future[bytes] = Future()
+    columns = columns_of("rgb", sensor="front", format="png", image=[(image, "a.png"), (b"b", "b.png")])
+    cell = row_of_columns(table_spec("rgb"), columns, 0)["image"]
+    assert isinstance(cell, WaitingImage) and cell["path"] == "a.png"
+    image.set_result(b"a")
+    assert dict(cell) == {"bytes": b"a", "path": "a.png"} and "size" not in cell
