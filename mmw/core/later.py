@@ -11,14 +11,15 @@ class Later(Future):
     pool if `start` is called.
 
     Attributes:
-        args: Arguments of the call.
+        call: What is called.
+        args: Its arguments.
     """
 
     def __init__(self, pool: Executor, call: Callable[..., Any], *args: Any) -> None:
         """Put `call(*args)` off."""
         super().__init__()
-        self.args = args
-        self._pool, self._call = pool, call
+        self.call, self.args = call, args
+        self._pool = pool
         self._claim = threading.Lock()
 
     def start(self) -> None:
@@ -34,7 +35,7 @@ class Later(Future):
     def _make(self) -> None:
         if self._claim.acquire(blocking=False) and self.set_running_or_notify_cancel():
             try:
-                self.set_result(self._call(*self.args))
+                self.set_result(self.call(*self.args))
             except BaseException as error:
                 self.set_exception(error)
 

@@ -1,7 +1,7 @@
 """Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
 from typing import Any
@@ -18,9 +18,11 @@ from mmw.core.registry import load_reference
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, poses_from_rows, to_world
 from mmw.dataset.column_arrays import arrays_of
-from mmw.dataset.sample_rows import Row, points_of, rows_of_table
+from mmw.dataset.link import LINK_FIELDS, Link
+from mmw.dataset.sample_rows import Row, points_of, rows_of_table, stored_image
 from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
+    Stored,
     decode_flow,
     decode_instance,
     decode_metres,
@@ -68,9 +70,9 @@ class View:
     camera: Camera
     """Projects points of the world to pixels and back."""
 
-    def _image(self, table: str, column: str, decode: Callable[[bytes], np.ndarray]) -> np.ndarray | None:
+    def _image(self, table: str, column: str, decode: Callable[[Stored], np.ndarray]) -> np.ndarray | None:
         row = self.frame.row_of(table, self.agent, self.sensor)
-        return None if row is None or row[column] is None else decode(row[column]["bytes"])
+        return None if row is None or row[column] is None else decode(stored_image(row[column]))
 
     @property
     def rgb(self) -> np.ndarray | None:
@@ -81,7 +83,9 @@ class View:
     def depth(self) -> np.ndarray | None:
         """Depth along the optical axis [m], inf for nothing, shape [H, W], float32; unrounded where that is stored."""
         row = self.frame.row_of("depth", self.agent, self.sensor)
-        return None if row is None or row["image"] is None else decode_metres(row["image"]["bytes"], row["depth_m"])
+        return (
+            None if row is None or row["image"] is None else decode_metres(stored_image(row["image"]), row["depth_m"])
+        )
 
     @property
     def instance(self) -> np.ndarray | None:
@@ -121,41 +125,6 @@ class Boxes:
     def corners(self) -> np.ndarray:
         """Corners in the world [m], shape [N, 8, 3], see `mmw.dataset.camera_geometry.CORNERS`."""
         return box_corners(self.columns)
-
-
-@dataclass(frozen=True)
-class Link:
-    """One radio link at one carrier."""
-
-    agent: str
-    """Receiver."""
-    peer: str
-    """Transmitter."""
-    antenna: str
-    """Antenna of the receiver."""
-    peer_antenna: str
-    """Antenna of the transmitter."""
-    carrier: int
-    """Number of the carrier in the configuration, from 0."""
-    carrier_hz: float
-    is_los: bool
-    gain_db: float | None
-    """Sum of the powers of the paths [dB]; None without any path."""
-    paths: dict[str, np.ndarray]
-    """Columns of the view `paths`, shape [P] each; of lists an object array of arrays."""
-
-    @property
-    def a(self) -> np.ndarray:
-        """Coefficients without the carrier phase, shape [P], complex128."""
-        return self.paths["a_re"] + 1j * self.paths["a_im"]
-
-    def vertices(self, path: int) -> np.ndarray:
-        """Return the places of a path's interactions in the world, from transmitter to receiver [m], shape [n, 3]."""
-        return np.asarray(self.paths["vertices"][path], dtype=np.float64).reshape(-1, 3)
-
-
-LINK_FIELDS = tuple(one.name for one in fields(Link) if one.name != "paths")
-"""Fields of `Link` that are columns of table `links`."""
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from mmw.core.later import Later
 from mmw.core.remember import remembered
 from mmw.dataset.column_arrays import values_of
 from mmw.storage.arrow_tables import cast_column
+from mmw.storage.codecs.images import Stored, lossless_pixels
 from mmw.storage.table_spec import IMAGE, TableSpec
 
 Row = dict[str, Any]
@@ -41,6 +43,20 @@ class WaitingImage(Mapping[str, Any]):
 
     def __len__(self) -> int:
         return 2
+
+    @property
+    def stored(self) -> Stored:
+        """The file, or the values of its pixels where it loses nothing and is not made yet."""
+        if isinstance(self.image, Later) and not self.image.done():
+            pixels = lossless_pixels(self.image.call, *self.image.args)
+            if pixels is not None:
+                return pixels
+        return self["bytes"]
+
+
+def stored_image(cell: Mapping[str, Any]) -> Stored:
+    """Return what the decoders of images take of the cell of an image."""
+    return cell.stored if isinstance(cell, WaitingImage) else cell["bytes"]
 
 
 def row_of_columns(spec: TableSpec, columns: Mapping[str, Any], index: int) -> Row:

@@ -7,7 +7,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset, Frame
-from mmw.dataset.frame import Link
+from mmw.dataset.link import Link
 from mmw.viz.plots.bird_eye import OUTLINE
 from mmw.viz.plots.map import TownPlan, read_town_plan
 from mmw.viz.plots.style import (

@@ -9,7 +9,8 @@ import rerun as rr
 from mmw.channel.antennas.array_response import rotations_from_poses
 from mmw.channel.path_table import CarrierPaths
 from mmw.dataset import BeamSearch
-from mmw.dataset.frame import Frame, Link
+from mmw.dataset.frame import Frame
+from mmw.dataset.link import Link
 from mmw.viz.plots.paths import gains_db, path_lines
 from mmw.viz.plots.style import GAIN_DB, carrier_name, scale_colors
 from mmw.viz.rerun.entities import SERIES, paths_entity, series_entity

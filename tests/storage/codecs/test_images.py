@@ -6,7 +6,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mmw.storage.codecs.images import decode_flow, decode_normals, decode_rgb, encode_flow, encode_normals, encode_rgb
+from mmw.storage.codecs.images import (
+    decode_depth,
+    decode_flow,
+    decode_instance,
+    decode_normals,
+    decode_rgb,
+    decode_semantic,
+    encode_depth,
+    encode_flow,
+    encode_instance,
+    encode_normals,
+    encode_rgb,
+    encode_semantic,
+    lossless_pixels,
+)
 from mmw.storage.codecs.png16 import decode_png16, encode_png16
 
 
@@ -97,3 +111,27 @@ def test_16_bit_colours_are_a_png_that_pillow_opens() -> None:
 def test_another_file_is_refused_as_flow(data: bytes) -> None:
     with pytest.raises(ValueError, match="three 16-bit channels"):
         decode_flow(data)
+
+
+def test_pixels_of_a_file_without_loss_decode_as_the_file_does() -> None:
+    rng = np.random.default_rng(4)
+    objects = rng.integers(-1, 30, (6, 8), dtype=np.int32)
+    normals = rng.normal(size=(6, 8, 3)).astype(np.float32)
+    normals[0] = 0.0
+    flow = rng.normal(scale=300.0, size=(6, 8, 2)).astype(np.float32)
+    tags = rng.integers(0, 29, 31).astype(np.uint8)
+    cases = [
+        (encode_rgb, (smooth(), "png", 95, "4:2:0"), decode_rgb),
+        (encode_depth, (rng.integers(0, 65_536, (6, 8)).astype(np.uint16),), decode_depth),
+        (encode_instance, (objects,), decode_instance),
+        (encode_semantic, (objects, tags), decode_semantic),
+        (encode_normals, (normals,), decode_normals),
+        (encode_flow, (flow,), decode_flow),
+    ]
+    for encode, args, decode in cases:
+        pixels = lossless_pixels(encode, *args)
+        assert pixels is not None
+        found, stored = decode(pixels), decode(encode(*args))
+        assert found.dtype == stored.dtype and not np.shares_memory(found, args[0])
+        np.testing.assert_array_equal(found, stored)
+    assert lossless_pixels(encode_rgb, smooth(), "jpeg", 95) is None
