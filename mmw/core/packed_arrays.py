@@ -1,7 +1,9 @@
 """Put several small arrays into one block of memory: an allocation or a copy costs the same for one as for all."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -112,14 +114,17 @@ def padded_count(count: int) -> int:
     return count if count > KEPT_BYTES else max(64, 1 << (count - 1).bit_length())
 
 
+@cache
+def _size_of(kind: Any) -> int:
+    return wp.types.type_size_in_bytes(kind)
+
+
 def _offsets(layouts: Sequence[Layout]) -> tuple[list[int], int]:
     """Return where each array starts in the block, and the size of the block [bytes]."""
     offsets, end = [], 0
     for shape, kind in layouts:
         offsets.append(end)
-        size = wp.types.type_size_in_bytes(kind)
-        for extent in shape:
-            size *= extent
+        size = _size_of(kind) * math.prod(shape)
         end += -(-size // ALIGNMENT) * ALIGNMENT
     return offsets, max(end, ALIGNMENT)
 

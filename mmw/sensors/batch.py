@@ -39,7 +39,7 @@ class Batch:
     cache: dict[Any, Any] = field(default_factory=dict)
     """See `SensorInput.cached`."""
     puts_off: bool = False
-    """Whether what threads of the pool would make waits until it is asked for, as in a live frame: most of it is never
+    """True: what threads of the pool would make waits until it is asked for, as in a live frame: most of it is never
     looked at."""
 
     @cached_property

@@ -39,7 +39,7 @@ SIGHT = ("box_visibility",)
 CHANNEL = (LINKS.name, "path_gains", "path_geometry")
 
 Maker = tuple[str, ...]
-"""What fills tables: `poses`, `boxes`, `sight`, `channel`, or `sensor` and its name."""
+"""Source of the rows of tables: `poses`, `boxes`, `sight`, `channel`, or `sensor` and its name."""
 
 Rows = Mapping[str, list[Any]]
 """Table -> columns of each part of its rows, or the future of them."""

@@ -54,7 +54,7 @@ class World:
     folder: tempfile.TemporaryDirectory[str]
     """Its stage and textures."""
     makers: Mapping[str, list[Maker]]
-    """What fills the tables that frames change."""
+    """Table -> sources of its rows, of those that frames change."""
     shown: tuple[Episode, int] | None = None
     """Episode and frame on the device, for which `batch` is."""
     is_closed: bool = False
