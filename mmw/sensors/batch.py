@@ -8,6 +8,7 @@ from typing import Any
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig
+from mmw.config.air import AirConfig
 from mmw.core.kinematics import Motion
 from mmw.core.later import Later
 from mmw.core.remember import remembered
@@ -58,7 +59,7 @@ class Batch:
 
     def weather(self, name: str) -> Weather:
         """Return the physical values of a weather by its name."""
-        return _weather(self.config, name)
+        return _weather(self.config.air[name], name)
 
     def sensor_input(self, views: Views, weathers: Iterable[str]) -> SensorInput:
         """Return the input of a sensor with these views in some weathers."""
@@ -87,8 +88,8 @@ class Batch:
 
 
 @remembered()
-def _weather(config: Config, name: str) -> Weather:
-    return config.air[name].weather(name)
+def _weather(air: AirConfig, name: str) -> Weather:
+    return air.weather(name)
 
 
 TableRows = dict[str, dict[str, list[Any]]]

@@ -1,7 +1,7 @@
 """Tables of a live frame: what they hold is traced when it is looked at first, and never again."""
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import AbstractContextManager
 from functools import cached_property
@@ -66,6 +66,21 @@ def table_makers(config: Config) -> dict[str, list[Maker]]:
         for name in CHANNEL:
             makers[name].append(("channel",))
     return dict(makers)
+
+
+def capture_makers(batch: Batch, makers: Collection[Maker], frames: Sequence[int], rows: TableRows) -> None:
+    """Add the rows of some loaded frames that some makers make, sensors together."""
+    if ("poses",) in makers:
+        capture_poses(batch, frames, rows)
+    if ("boxes",) in makers:
+        capture_boxes(batch, frames, rows)
+    if ("sight",) in makers:
+        capture_sight(batch, frames, rows)
+    sensors = [sensor for sensor in batch.config.sensors if ("sensor", sensor.name) in makers]
+    if sensors:
+        capture_sensors(batch, frames, rows, sensors)
+    if ("channel",) in makers and batch.surfaces is not None:
+        capture_channel(batch, batch.surfaces, channel_links(batch, frames), rows)
 
 
 class FrameTables:
@@ -191,17 +206,7 @@ class FrameTables:
         _, weather, frame = self._where
         rows: TableRows = {weather: defaultdict(list)}
         with self._load(agent) as batch:
-            sensors = [sensor for sensor in batch.config.sensors if ("sensor", sensor.name) in makers]
-            if ("poses",) in makers:
-                capture_poses(batch, [frame], rows)
-            if ("boxes",) in makers:
-                capture_boxes(batch, [frame], rows)
-            if ("sight",) in makers:
-                capture_sight(batch, [frame], rows)
-            if sensors:
-                capture_sensors(batch, [frame], rows, sensors)
-            if ("channel",) in makers and batch.surfaces is not None:
-                capture_channel(batch, batch.surfaces, channel_links(batch, [frame]), rows)
+            capture_makers(batch, makers, [frame], rows)
         return rows[weather]
 
     def _table(self, name: str) -> pa.Table:
@@ -230,13 +235,15 @@ def _ended(columns: Any) -> Mapping[str, Any]:
 
 def _row_index(columns: Mapping[str, Any], agent: str, sensor: str) -> int | None:
     """Return the row of one sensor of one agent in columns of a table of samples; None if there is none."""
-    if columns["sensor"] != sensor:
-        return None
-    names = columns["agent"]
-    for index, value in enumerate(names if isinstance(names, list) else names.to_pylist()):
-        if value == agent:
-            return index
-    return None
+    found: Sequence[int] = range(len(columns["frame"]))
+    for name, wanted in (("sensor", sensor), ("agent", agent)):
+        values = columns[name]
+        if isinstance(values, str):  # of all rows
+            found = found if values == wanted else ()
+        elif found:
+            listed = values if isinstance(values, list) else values.tolist()
+            found = [index for index in found if listed[index] == wanted]
+    return found[0] if found else None
 
 
 class LiveFrame(Frame):
