@@ -56,13 +56,15 @@ class World:
     makers: Mapping[str, list[Maker]]
     """Table -> sources of its rows, of those that frames change."""
     shown: tuple[Episode, int] | None = None
-    """Episode and frame on the device, for which `batch` is."""
+    """Episode and frame on the device."""
+    present: Batch | None = None
+    """`batch` for them."""
     is_closed: bool = False
 
     def close(self) -> None:
         """Free the device and remove the files."""
         with self.lock:
-            self.is_closed, self.shown = True, None
+            self.is_closed, self.shown, self.present = True, None, None
             self.folder.cleanup()
 
     @contextmanager
@@ -83,11 +85,10 @@ class World:
                 motion = differentiate(arrays.poses, arrays.pose_dt)
                 scene.replace_arrays(arrays, motion)
                 scene.load_batch([frame])
-                self.batch, self.shown = replace(self.batch, arrays=arrays, motion=motion), (episode, frame)
-            if agent is None:
-                yield self.batch
-            else:
-                yield replace(self.batch, arrays=replace(self.batch.arrays, sensing=frozenset([agent])))
+                self.present, self.shown = replace(self.batch, arrays=arrays, motion=motion), (episode, frame)
+            assert self.present is not None
+            batch = self.present
+            yield batch if agent is None else replace(batch, arrays=replace(batch.arrays, sensing=frozenset([agent])))
 
 
 class LiveRun:
