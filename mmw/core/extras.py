@@ -21,6 +21,7 @@ EXTRA_OF = {
     "osmium": "osm",
     "rasterio": "geo",
     "gymnasium": "gym", "pettingzoo": "gym",
+    "stable_baselines3": "rl",
     "ray": "ray",
     "mcap": "mcap", "mcap_ros2": "mcap",
 }  # fmt: skip
