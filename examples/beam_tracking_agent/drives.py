@@ -5,8 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import gymnasium
 import numpy as np
+
+from mmw.core.extras import needed_by
+
+with needed_by("examples.beam_tracking_agent"):
+    import gymnasium
 
 import mmw.gym  # noqa: F401  (registers the environment)
 from mmw.gym.live_env import motion_from
