@@ -30,9 +30,9 @@ class TrafficEngineSpec:
     """Whether the town needs lanes, one of them near `spawn_center_m`."""
     package: str = ""
     """Optional package that it imports."""
-    start: str = ""
-    """`module:function` that returns a `mmw.traffic.engine.SteppedTraffic` for a `TrafficDemand`: vehicles that are
-    advanced step by step; empty if the engine cannot."""
+    live: str = ""
+    """`module:class` of `mmw.traffic.live.live_vehicles.LiveVehicles`, made from a `TrafficDemand`: vehicles that are
+    advanced row by row and obey controls; empty if the engine cannot."""
 
     def __post_init__(self) -> None:
         """Check the names of keys.

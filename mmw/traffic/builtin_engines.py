@@ -6,7 +6,7 @@ IDM = TrafficEngineSpec(
     "intelligent driver model",
     "mmw.traffic.idm.simulation:simulate_idm",
     keys=("cav_pool", "cav_models", "warmup_s", "lane_changes", "signals", "driving_weather"),
-    start="mmw.traffic.idm.simulation:start_idm",
+    live="mmw.traffic.live.idm_vehicles:IdmVehicles",
 )
 
 SUMO = TrafficEngineSpec(
@@ -14,6 +14,7 @@ SUMO = TrafficEngineSpec(
     "mmw.traffic.sumo.simulation:simulate_sumo",
     keys=("cav_pool", "cav_models", "warmup_s", "lane_changes", "driving_weather"),
     package="libsumo",
+    live="mmw.traffic.sumo.live_vehicles:SumoVehicles",
 )
 
 REPLAY = TrafficEngineSpec(

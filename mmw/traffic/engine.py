@@ -28,17 +28,6 @@ class TrafficEngine(Protocol):
         ...
 
 
-class SteppedTraffic(Protocol):
-    """Vehicles that are advanced step by step."""
-
-    time: float
-    """Time since the first step [s]."""
-
-    def step(self) -> None:
-        """Advance all vehicles by one step."""
-        ...
-
-
 def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
     """Return the motion of all vehicles, pedestrians and cyclists of a scenario.
 
@@ -51,13 +40,23 @@ def simulate_traffic(demand: TrafficDemand) -> TrafficResult:
             them, the spawn center is far from them, or the engine cannot meet the demand. The message starts with the
             key below `traffic`.
     """
+    check_demand(demand)
+    engine: TrafficEngine = load_reference(engine_spec(demand.traffic.engine).simulate)
+    result = engine(demand)
+    return replace(result, tracks=[*result.tracks, *simulate_pedestrians(demand), *simulate_cyclists(demand)])
+
+
+def check_demand(demand: TrafficDemand) -> None:
+    """Check what every run of an engine needs.
+
+    Raises:
+        InputError: If the engine is unknown, its package is not installed, the town has no lanes and the engine needs
+            them, or the spawn center is far from them. The message starts with the key below `traffic`.
+    """
     spec = engine_spec(demand.traffic.engine)
     check_package(demand.traffic.engine)
     if spec.needs_lanes:
         _check_center(demand)
-    engine: TrafficEngine = load_reference(spec.simulate)
-    result = engine(demand)
-    return replace(result, tracks=[*result.tracks, *simulate_pedestrians(demand), *simulate_cyclists(demand)])
 
 
 def _check_center(demand: TrafficDemand) -> None:

@@ -12,8 +12,8 @@ from mmw.config.traffic_engine import ENGINES, TrafficEngineSpec, check_package
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.generation.estimate import check_inputs
-from mmw.traffic.engine import SteppedTraffic, simulate_traffic
-from mmw.traffic.idm.simulation import record_steps, start_idm
+from mmw.traffic.engine import simulate_traffic
+from mmw.traffic.idm.simulation import record_steps, start_fleet
 from tests.fixtures.traffic_towns import crossroad, demand
 
 CONVOY = '''
@@ -130,14 +130,13 @@ def test_specs_are_checked() -> None:
             TrafficEngineSpec("mine", "mine:simulate", **keys)
     for spec in ENGINES.values():
         assert callable(load_reference(spec.simulate))
+        assert not spec.live or callable(load_reference(spec.live))
 
 
 def test_the_idm_engine_is_advanced_step_by_step() -> None:
     scenario = demand(crossroad(), vehicle_count=6)
-    start = load_reference(ENGINES["idm"].start)
-    assert start is start_idm
-    live: SteppedTraffic = start(scenario)
-    station, speed, _ = record_steps(start_idm(scenario), 40)
+    live, _ = start_fleet(scenario)
+    station, speed, _ = record_steps(start_fleet(scenario)[0], 40)
     for _ in range(40):
         live.step()
     assert live.time == pytest.approx(2.0)

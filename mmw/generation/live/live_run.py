@@ -34,7 +34,7 @@ from mmw.storage.arrow_tables import table_from_columns
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.drones import fly_drones
 from mmw.traffic.live.control import Control
-from mmw.traffic.live.live_traffic import LiveTraffic
+from mmw.traffic.live.live_traffic import LiveTraffic, check_live
 from mmw.usd.vehicle_catalog import load_catalog
 
 STAGE_FRAMES = 2
@@ -100,8 +100,8 @@ class LiveRun:
         """Make the world of the configuration's seed, and go to the first frame.
 
         Raises:
-            InputError: If the scenario has no town, another engine than `idm`, another rate than 100 Hz or too few
-                frames.
+            InputError: If the scenario has no town, an engine that cannot be stepped, another rate than 100 Hz or too
+                few frames.
         """
         self._config, self._scenario, self._weather = config, scenario, weather
         self._base, self._place, self._device = base, place, device
@@ -124,10 +124,10 @@ class LiveRun:
         where = f"scenario {scenario.name!r}"
         if scenario.traffic is None:
             raise InputError(f"{where}: has a stage, whose motion is recorded; mode live needs town and traffic")
-        if scenario.traffic.engine != "idm":
-            raise InputError(
-                f"{where}: traffic.engine = {scenario.traffic.engine!r}: mode live steps the engine idm; change engine"
-            )
+        try:
+            check_live(scenario.traffic.engine)
+        except InputError as error:
+            raise InputError(f"{where}: traffic.{error}") from None
         if rate != FRAME_RATE_HZ:
             raise InputError(f"{where}: frames.rate_hz = {rate}: mode live steps at 100 Hz; remove rate_hz")
         if not self.frames:
@@ -157,7 +157,14 @@ class LiveRun:
         return fly_drones(self._scenario.uavs, demand.frame_count)
 
     def _start(self, world: World, traffic: LiveTraffic) -> None:
+        self._end_episode()
         self._episode = Episode(traffic, world.batch.arrays, self.frames.start)
+
+    def _end_episode(self) -> None:
+        """Free what the engine of the present episode holds; its frames can still be looked at."""
+        if self._episode is not None:
+            self._episode.traffic.close()
+        self._episode = None
 
     def _make_world(self, config: Config) -> None:
         scenario = self._scenario
@@ -171,7 +178,8 @@ class LiveRun:
             traffic.advance(STAGE_FRAMES)
         if self._world is not None:  # the device has room for one
             self._world.close()
-            self._world = self._episode = None
+            self._end_episode()
+            self._world = None
         holder = tempfile.TemporaryDirectory(prefix="mmw_simulation_")
         folder = Path(holder.name)
         weathers = tuple(dict.fromkeys((config.weathers[0], self._weather)))
@@ -272,5 +280,6 @@ class LiveRun:
         self._is_closed = True
         if self._world is not None:
             self._world.close()
-        self._world = self._episode = None
+        self._end_episode()
+        self._world = None
         self._finalizer()

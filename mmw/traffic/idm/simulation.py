@@ -36,11 +36,6 @@ AT_END = 2.0
 """A vehicle whose bumper is nearer to the end of its route has arrived [m]; design value."""
 
 
-def start_idm(demand: TrafficDemand) -> IdmEngine:
-    """Return the vehicles of a scenario at their starts; see `start_fleet`."""
-    return start_fleet(demand)[0]
-
-
 def start_fleet(
     demand: TrafficDemand, engine_type: Callable[..., Engine] = IdmEngine, *, may_leave: bool = True
 ) -> tuple[Engine, Placed[Car]]:

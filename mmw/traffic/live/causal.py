@@ -14,12 +14,14 @@ lean            two low passes of first order in a row with the variance of the 
 Source: repeated moving averages as kernels with compact support, M. Unser, IEEE Signal Process. Mag. 16 (1999), 22-38.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.traffic.idm.driver import STEP
 from mmw.traffic.idm.simulation import STATION_SIGMA
-from mmw.traffic.vehicle_pose import LEAN_SIGMA
+from mmw.traffic.vehicle_pose import LEAN_SIGMA, Shape, lean_per_acceleration, tilted_poses
 
 ROWS_PER_STEP = round(STEP * FRAME_RATE_HZ)
 """Poses at 100 Hz in a step of the engine."""
@@ -89,3 +91,29 @@ class LeanFilter:
         for state in (self._first, self._second):
             state[(acceleration == 0.0) & (np.abs(state) < AT_REST)] = 0.0
         return self._second
+
+
+class LeaningBodies:
+    """Bodies that lean under the accelerations of their places so far."""
+
+    def __init__(self, shapes: Sequence[Shape]) -> None:
+        """Start bodies of some dimensions at rest."""
+        lifts = [lean_per_acceleration(shape) for shape in shapes]
+        self._lift = np.array(lifts, dtype=np.float64).reshape(-1, 2)
+        self._lean = LeanFilter(len(shapes))
+        self._before: list[np.ndarray] = []
+
+    def poses(self, columns: np.ndarray) -> np.ndarray:
+        """Return the poses of one more row, shape [V, 7].
+
+        Args:
+            columns: Middle x, y, heading, height [m, m, rad, m], slopes forward and to the left, shape [V, 6].
+        """
+        x, y, heading, height, slope_x, slope_y = columns.T
+        self._before = [*self._before[-2:], np.stack([x, y], axis=1)]
+        if len(self._before) == 3:
+            lean = self._lean.take((self._before[2] - 2 * self._before[1] + self._before[0]) / FRAME_DT**2)
+            c, s = np.cos(heading), np.sin(heading)
+            slope_x = slope_x + self._lift[:, 0] * (lean[:, 0] * c + lean[:, 1] * s)
+            slope_y = slope_y + self._lift[:, 1] * (lean[:, 1] * c - lean[:, 0] * s)
+        return tilted_poses(x, y, height, heading, slope_x, slope_y)

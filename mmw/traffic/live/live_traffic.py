@@ -5,27 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmw.core.constants import FRAME_DT
+from mmw.config.traffic_engine import ENGINES, engine_spec
 from mmw.core.errors import InputError
+from mmw.core.registry import load_reference
 from mmw.traffic.cyclists import simulate_cyclists
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
-from mmw.traffic.idm.driver import STEP
-from mmw.traffic.idm.simulation import start_fleet
-from mmw.traffic.live.causal import REACH, ROWS_PER_STEP, LeanFilter, hermite_rows, smooth_station
+from mmw.traffic.engine import check_demand
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.free_body import FreeBody
-from mmw.traffic.live.live_engine import LiveEngine
+from mmw.traffic.live.live_vehicles import SETTLE_ROWS, LiveVehicles
+from mmw.traffic.live.obstacles import Body
 from mmw.traffic.pedestrians import simulate_pedestrians
-from mmw.traffic.route import EXTENSION, PATH_STEP
-from mmw.traffic.smoothing import spline_at
 from mmw.traffic.spawn import name_vehicle, vehicle_order
-from mmw.traffic.vehicle_pose import Shape, lean_per_acceleration, tilted_poses
-
-SETTLE_ROWS = 60
-"""Rows before row 0 that the filters of the lean need to settle; the engine starts `SETTLE_S` and more before."""
-
-SLAB = 8
-"""Samples of a path around a vehicle that its pose is interpolated from."""
+from mmw.traffic.vehicle_pose import Shape
 
 
 class LiveTraffic:
@@ -49,37 +41,34 @@ class LiveTraffic:
             others: Actors with tracks of their own, such as drones.
 
         Raises:
-            InputError: If the engine is another one than `idm`, or the demand cannot be met.
+            InputError: If the engine cannot be stepped, or the demand cannot be met.
+            MissingPackageError: If a library of the engine cannot be loaded.
         """
-        if demand.traffic.engine != "idm":
-            raise InputError(f"engine = {demand.traffic.engine!r}: live traffic is that of idm; change engine")
+        check_live(demand.traffic.engine)
+        check_demand(demand)
         self._demand = demand
-        self._engine, placed = start_fleet(demand, LiveEngine, may_leave=False)
-        self.notes = placed.notes
-        cars, ranks = self._engine.cars, vehicle_order(placed.cav_ranks, len(self._engine.cars))
-        self._ranks = ranks
-        who = [name_vehicle(position, len(placed.cav_ranks)) for position in range(len(ranks))]
+        vehicles: LiveVehicles = load_reference(engine_spec(demand.traffic.engine).live)(demand)
+        self._vehicles, self.notes = vehicles, vehicles.notes
+        self._ranks = vehicle_order(vehicles.cav_ranks, len(vehicles.shapes))
+        who = [name_vehicle(position, len(vehicles.cav_ranks)) for position in range(len(self._ranks))]
         self._fixed = [*simulate_pedestrians(demand), *simulate_cyclists(demand), *others]
         empty = np.zeros((0, 7))
         self._roster = [
-            *(VehicleTrack(*own, cars[k].shape.name, cars[k].paint, empty) for own, k in zip(who, ranks, strict=True)),
+            *(
+                VehicleTrack(*own, vehicles.shapes[rank].name, vehicles.paints[rank], empty)
+                for own, rank in zip(who, self._ranks, strict=True)
+            ),
             *self._fixed,
         ]
         self.names = [track.name for track in self._roster]
         self._column = {name: column for column, name in enumerate(self.names)}
         self._poses = np.full((demand.frame_count, len(self.names), 7), np.nan)
-        for column, track in enumerate(self._fixed, len(ranks)):
+        for column, track in enumerate(self._fixed, len(self._ranks)):
             self._poses[:, column] = track.poses[: demand.frame_count]
         self.rows = 0
         self._free: dict[str, FreeBody] = {}
-        lifts = [lean_per_acceleration(car.shape) for car in cars]
-        self._lift = np.array(lifts, dtype=np.float64).reshape(-1, 2)
-        self._lean = LeanFilter(len(cars))
-        self._lead = round(-self._engine.start / STEP) * ROWS_PER_STEP
-        self._station, self._speed = [self._stations()], [self._speeds()]
-        self._before: list[np.ndarray] = []
         for row in range(-SETTLE_ROWS, 0):
-            self._drive(row)
+            vehicles.drive(row, self._seen)
 
     @property
     def poses(self) -> np.ndarray:
@@ -95,8 +84,7 @@ class LiveTraffic:
     def lane_changes(self) -> list[tuple[float, str, str, str]]:
         """Changes of lanes so far: time since frame 0 [s], vehicle, lane before, lane after."""
         names = {rank: self.names[position] for position, rank in enumerate(self._ranks)}
-        done = [] if self._engine.changes is None else self._engine.changes.done
-        return [(time + self._engine.start, names[rank], lane, other) for time, rank, lane, other in done]
+        return [(time, names[rank], lane, other) for time, rank, lane, other in self._vehicles.lane_changes]
 
     def command(self, controls: Mapping[str, Control | None]) -> None:
         """Take controls; all are checked first, so that an error changes nothing.
@@ -114,7 +102,7 @@ class LiveTraffic:
             if name in self._free:
                 self._free[name].control = own
             elif column < len(self._ranks):
-                self._engine.command(self._ranks[column], own)
+                self._vehicles.command(self._ranks[column], own)
 
     def _check(self, name: str, control: Control | None) -> None:
         if name not in self._column:
@@ -126,6 +114,8 @@ class LiveTraffic:
             if name in self._free and self._free[name].is_steered:
                 raise InputError(f"control of {name!r}: is steered and has no route to go back to; steer it, or reset")
             return
+        if control.lane_change and not self._demand.traffic.lane_changes:
+            raise InputError(f"control of {name!r}: lane_change needs traffic.lane_changes: true")
         if self._column[name] >= len(self._ranks) and control.pose is None:
             raise InputError(f"control of {name!r}: is no vehicle on a lane; only its pose can be given")
         if name in self._free and control.pose is None and control.steering_rad is None:
@@ -136,11 +126,11 @@ class LiveTraffic:
     def _set_free(self, name: str, column: int) -> None:
         now, before = self._poses[self.rows - 1, column], self._poses[max(self.rows - 2, 0), column]
         is_vehicle = column < len(self._ranks)
-        shape = self._engine.cars[self._ranks[column]].shape if is_vehicle else _small_shape(self._roster[column])
+        shape = self._vehicles.shapes[self._ranks[column]] if is_vehicle else _small_shape(self._roster[column])
         self._free[name] = FreeBody.take_over(shape, before, now)
         self._poses[self.rows :, column] = np.nan
         if is_vehicle:
-            self._engine.remove(self._ranks[column])
+            self._vehicles.remove(self._ranks[column])
 
     def advance(self, rows: int) -> None:
         """Make the poses of rows up to a number.
@@ -151,62 +141,29 @@ class LiveTraffic:
         if rows > len(self._poses):
             raise InputError(f"{rows} rows; the demand has {len(self._poses)}; give it a longer frame_count")
         while self.rows < rows:
-            self._poses[self.rows, self._columns_of_cars] = self._drive(self.rows)
+            self._poses[self.rows, : len(self._ranks)] = self._vehicles.drive(self.rows, self._seen)[self._ranks]
             for name, body in self._free.items():
                 is_vehicle = self._column[name] < len(self._ranks)
                 self._poses[self.rows, self._column[name]] = body.advance(self._demand.ground if is_vehicle else None)
             self.rows += 1
 
-    @property
-    def _columns_of_cars(self) -> np.ndarray:
-        """Column of `poses` of every vehicle by rank."""
-        columns = np.empty(len(self._ranks), dtype=np.int64)
-        columns[self._ranks] = np.arange(len(self._ranks))
-        return columns
+    def close(self) -> None:
+        """Free what the engine holds; poses that are known stay."""
+        self._vehicles.close()
 
-    def _stations(self) -> np.ndarray:
-        return np.array([car.station for car in self._engine.cars])
+    def _seen(self, time_s: float) -> list[Body]:
+        return [body.seen(time_s) for body in self._free.values()]
 
-    def _speeds(self) -> np.ndarray:
-        return np.array([car.speed for car in self._engine.cars])
 
-    def _drive(self, row: int) -> np.ndarray:
-        """Return the poses of the vehicles on their routes in the row after the last, by rank, shape [V, 7]."""
-        first = self._lead + row - REACH
-        steps = -((-(first + 2 * REACH)) // ROWS_PER_STEP)
-        while len(self._station) <= steps:
-            ahead = ((len(self._station) - 1) * ROWS_PER_STEP - self._lead - row) * FRAME_DT
-            self._engine.place_bodies([body.seen(ahead) for body in self._free.values()])
-            self._engine.step()
-            self._station.append(self._stations())
-            self._speed.append(self._speeds())
-        low = first // ROWS_PER_STEP
-        station = smooth_station(
-            hermite_rows(
-                np.array(self._station[low : steps + 1]),
-                np.array(self._speed[low : steps + 1]),
-                first - low * ROWS_PER_STEP,
-                2 * REACH + 1,
-            )
-        )
-        x, y, heading, height, slope_x, slope_y = self._columns_at(station).T
-        place = np.stack([x, y], axis=1)
-        self._before = [*self._before[-2:], place]
-        if len(self._before) == 3:
-            lean = self._lean.take((self._before[2] - 2 * self._before[1] + self._before[0]) / FRAME_DT**2)
-            c, s = np.cos(heading), np.sin(heading)
-            slope_x = slope_x + self._lift[:, 0] * (lean[:, 0] * c + lean[:, 1] * s)
-            slope_y = slope_y + self._lift[:, 1] * (lean[:, 1] * c - lean[:, 0] * s)
-        return tilted_poses(x, y, height, heading, slope_x, slope_y)
+def check_live(engine: str) -> None:
+    """Check that the traffic of an engine can be stepped.
 
-    def _columns_at(self, station: np.ndarray) -> np.ndarray:
-        """Return the columns of the vehicles' stances at stations, shape [V, 6]; all in one evaluation."""
-        position = (station + EXTENSION) / PATH_STEP
-        whole = np.floor(position).astype(np.int64)
-        slabs = [
-            car.plan.stance.columns[at - 3 : at - 3 + SLAB] for car, at in zip(self._engine.cars, whole, strict=True)
-        ]
-        return spline_at(np.concatenate(slabs), SLAB * np.arange(len(slabs)) + 3 + (position - whole))
+    Raises:
+        InputError: If it cannot, or there is no such engine. The message starts with the key below `traffic`.
+    """
+    if not engine_spec(engine).live:
+        known = " and ".join(name for name, spec in ENGINES.items() if spec.live)
+        raise InputError(f"engine = {engine!r}: mode live steps the engines {known}; change engine")
 
 
 def _small_shape(track: VehicleTrack) -> Shape:

@@ -1,14 +1,17 @@
 """A script that runs SUMO in a process of its own: `libsumo` is one simulation a process, and brings its own libraries.
 
-Its argument is a folder with `job.json`; it writes `states.npy` there. It imports nothing of mmw.
+Its argument is a folder with `job.json`: `options` (SUMO's command line), `limits` (SUMO lane -> speed limit every
+meter [m/s]) and `top_speed` [m/s]. Every line on stdin makes one step: a JSON list of calls [method of
+`libsumo.vehicle`, arguments...], which are made before it. A line on stdout answers: a list of states [id, x, y, z of
+the front bumper [m], angle clockwise from north [deg], speed [m/s], SUMO lane] of the vehicles in the network whose ids
+are numbers. It ends with the end of stdin, and imports nothing of mmw.
 """
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 HINT_STEP = 1.0
 """Speed limits of a lane are this far apart [m]."""
@@ -18,13 +21,9 @@ NOT_LOADED = 3
 
 
 def main(folder: Path) -> None:
-    """Run the job of a folder.
-
-    `job.json` holds `options` (SUMO's command line), `vehicles` (count; their ids are numbers), `steps` (count),
-    `limits` (SUMO lane -> speed limit every meter [m/s]) and `top_speed` [m/s]. `states.npy` gets float64
-    [steps + 1, V, 4]: x, y, z of the front bumper [m] and the angle clockwise from north [deg]; NaN where a vehicle is
-    not in the network.
-    """
+    """Run the job of a folder."""
+    answers = os.fdopen(os.dup(1), "w")
+    os.dup2(2, 1)  # what SUMO prints is no answer
     try:
         import libsumo
     except ImportError as error:  # the package is there, but not a system library that it links to
@@ -32,26 +31,30 @@ def main(folder: Path) -> None:
         sys.exit(NOT_LOADED)
 
     job = json.loads((folder / "job.json").read_text())
-    states = np.full((job["steps"] + 1, job["vehicles"], 4), np.nan)
+    vehicle = libsumo.vehicle
     libsumo.start(["sumo", *job["options"]])
     try:
-        for step in range(job["steps"] + 1):
+        for line in sys.stdin:
+            for method, *arguments in json.loads(line):
+                getattr(vehicle, method)(*arguments)
             libsumo.simulationStep()
-            for name in libsumo.vehicle.getIDList():
-                x, y, z = libsumo.vehicle.getPosition3D(name)
-                states[step, int(name)] = x, y, z, libsumo.vehicle.getAngle(name)
-                libsumo.vehicle.setMaxSpeed(name, _limit(libsumo.vehicle, name, job))
+            states = []
+            for name in filter(str.isdigit, vehicle.getIDList()):
+                place, lane = vehicle.getPosition3D(name), vehicle.getLaneID(name)
+                states.append([int(name), *place, vehicle.getAngle(name), vehicle.getSpeed(name), lane])
+                vehicle.setMaxSpeed(name, _limit(vehicle.getLanePosition(name), lane, job))
+            answers.write(json.dumps(states) + "\n")
+            answers.flush()
     finally:
         libsumo.close()
-    np.save(folder / "states.npy", states)
 
 
-def _limit(vehicle: Any, name: str, job: dict[str, Any]) -> float:
-    """Return how fast the road lets a vehicle go where it is [m/s]."""
-    limits = job["limits"].get(vehicle.getLaneID(name))
+def _limit(station: float, lane: str, job: dict[str, Any]) -> float:
+    """Return how fast the road lets a vehicle go at a station of a lane [m/s]."""
+    limits = job["limits"].get(lane)
     if not limits:
         return job["top_speed"]
-    return limits[min(int(vehicle.getLanePosition(name) / HINT_STEP), len(limits) - 1)]
+    return limits[min(int(station / HINT_STEP), len(limits) - 1)]
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from mmw.dataset.sample_rows import rows_of_table
 from mmw.storage.schemas import table_spec
 from tests.fixtures.own_world import DATA
 from tests.fixtures.simulated_files import assert_same_samples, write_simulated
+from tests.fixtures.sumo_installed import needs_sumo
 
 SENSORS = (
     "sensors=[{type: lidar, channels: 8, points_per_channel: 45, scene_flow: true}, {type: imu}, {type: gnss}, "
@@ -204,12 +205,40 @@ def test_bad_calls_are_refused_and_do_not_move_traffic(live: mmw.Simulation) -> 
     [
         ("frames.count=1", "frames.count = 2 or more"),
         ("frames.rate_hz=50", "mode live steps at 100 Hz"),
-        ("scenarios.town03_roundabout.traffic.engine=sumo", "steps the engine idm"),
     ],
 )
 def test_scenario_that_cannot_be_stepped_is_refused(change: str, text: str) -> None:
     with pytest.raises(InputError, match=text):
         mmw.Simulation(mmw.load_config("quickstart", [change]), mode="live", device="cpu")
+
+
+def test_recorded_traffic_cannot_be_stepped(tmp_path: Path) -> None:
+    (tmp_path / "drive.csv").write_text("t,id,x,y\n0,a,0,0\n1,a,5,0\n")
+    own = {"engine": "replay", "trajectories": "drive.csv", "spawn_center_m": [0, 0, 0], "cav_ids": ["a"]}
+    config = mmw.load_config("quickstart", [f"scenarios.town03_roundabout.traffic={own}"])
+    with pytest.raises(InputError, match=r"traffic\.engine = 'replay': mode live steps the engines idm and sumo"):
+        mmw.Simulation(config, base=tmp_path, mode="live", device="cpu")
+
+
+@pytest.mark.slow
+@needs_sumo
+def test_sumo_is_stepped_saved_and_is_the_same_again(tmp_path: Path) -> None:
+    engine = ["scenarios.town03_roundabout.traffic.engine=sumo", "channel.enabled=false", "sensors=[{type: gnss}]"]
+    config = mmw.load_config("quickstart", ["frames.count=40", *TRAFFIC, *engine])
+    with mmw.Simulation(config, mode="live", device="cpu") as simulation:
+        for name in ("one", "other"):
+            frames = drive(simulation)
+            saved = simulation.save(tmp_path / name)
+            seen = frames[-1].table("poses").to_pylist()
+            assert saved.frame(simulation.scenario, "sunny", frames[-1].frame).table("poses").to_pylist() == seen
+        with pytest.raises(InputError, match="no such actor"):
+            simulation.step({"cav_9": Control()})
+    with pytest.raises(InputError, match="is closed"):
+        simulation.step()
+    assert verify([str(tmp_path / "one")]) == 0
+    parts = [path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("part-*")]
+    assert len(parts) > 5
+    assert all((tmp_path / "one" / part).read_bytes() == (tmp_path / "other" / part).read_bytes() for part in parts)
 
 
 def test_mode_is_checked_and_replay_has_no_steps(config: mmw.Config) -> None:

@@ -267,12 +267,13 @@ def test_control_that_cannot_be_is_refused(control, text):
 
 
 def test_control_of_the_wrong_actor_is_refused_and_changes_nothing(ring):
-    asked = on_ring(ring, vehicle_count=3, frame_count=400)
+    asked = on_ring(ring, vehicle_count=3, frame_count=400, lane_changes=False)
     traffic, plain = LiveTraffic(asked), LiveTraffic(asked)
     for bad, text in (
         ({"cav_9": Control()}, "no such actor; there are cav_1"),
         ({"cav_1": Control(target_speed_m_s=0.0), "x": None}, "no such actor"),
         ({"cav_1": 3.0}, "mmw.Control or None"),
+        ({"cav_1": Control(lane_change="left")}, "lane_change needs traffic.lane_changes: true"),
     ):
         with pytest.raises(InputError, match=text):
             traffic.command(bad)
@@ -294,8 +295,8 @@ def test_vehicle_off_its_route_has_no_driver(ring):
 
 
 def test_engine_without_steps_is_refused(ring):
-    with pytest.raises(InputError, match="is that of idm"):
-        LiveTraffic(demand(ring, engine="sumo"))
+    with pytest.raises(InputError, match="mode live steps the engines idm and sumo; change engine"):
+        LiveTraffic(demand(ring, engine="replay", trajectories="drive.csv"))
 
 
 def test_body_blocks_the_lane_it_stands_on_and_none_above_it(ring):

@@ -1,43 +1,43 @@
 """SUMO: the network equals the lanes, and its vehicles move as smoothly as those of mmw's engine."""
 
-import subprocess
-import sys
 import xml.etree.ElementTree as ElementTree
-from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
 
 from mmw.config import TrafficConfig
-from mmw.core.errors import MissingPackageError
+from mmw.core.errors import InputError, MissingPackageError
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
 from mmw.traffic.roads.town_asset import open_town
-from mmw.traffic.sumo import simulation as sumo
 from mmw.traffic.sumo.network import SumoNetwork, make_network
+from mmw.traffic.sumo.process import SumoProcess
 from mmw.traffic.sumo.routes import lane_limits
 from mmw.traffic.sumo.simulation import simulate_sumo
+from tests.fixtures.sumo_installed import needs_sumo
 from tests.fixtures.traffic_measures import Measures, measure
 from tests.fixtures.traffic_towns import crossroad, demand, hill, oval, roundabout, surface
-
-
-def _why_no_sumo() -> str:
-    """Return why SUMO cannot run here; "" if it can. Its wheel links to libraries of X11, which servers may lack."""
-    if find_spec("libsumo") is None:
-        return "libsumo is not installed: pip install 'multimodal-wireless[sumo]'"
-    result = subprocess.run([sys.executable, "-c", "import libsumo"], capture_output=True, text=True, check=False)
-    return "" if result.returncode == 0 else f"libsumo cannot be loaded: {result.stderr.splitlines()[-1]}"
-
-
-needs_sumo = pytest.mark.skipif(bool(why := _why_no_sumo()), reason=why)
 
 
 def test_a_missing_system_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "libsumo.py").write_text("raise ImportError('libXrender.so.1: cannot open shared object file')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    process = SumoProcess(TemporaryDirectory(), {})
     with pytest.raises(MissingPackageError, match=r"cannot be loaded: libXrender\.so\.1.*package manager"):
-        sumo._run(tmp_path, {})
+        process.step()
+
+
+@needs_sumo
+def test_what_sumo_cannot_read_is_told_once_and_its_files_are_removed() -> None:
+    holder = TemporaryDirectory()
+    process = SumoProcess(holder, {"options": ["--net-file", "none.net.xml", "--no-step-log"]})
+    with pytest.raises(InputError, match=r"engine = 'sumo': SUMO failed: .*; correct the lanes"):
+        process.step()
+    assert not Path(holder.name).exists()
+    with pytest.raises(InputError, match="SUMO has ended; reset the simulation"):
+        process.step()
 
 
 def network_of(graph: LaneGraph) -> SumoNetwork:
