@@ -71,6 +71,11 @@ class TrafficDemand:
         """The drivable surface on the device."""
         return Ground(self.town.points, self.town.faces, device=self.device)
 
+    @cached_property
+    def tried(self) -> dict[tuple[str, str], bool]:
+        """Lane, model -> whether the wheels stay on the road, for those that an engine has tried out so far."""
+        return {}
+
 
 @dataclass(frozen=True)
 class TrafficResult:

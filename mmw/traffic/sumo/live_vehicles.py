@@ -58,6 +58,7 @@ class SumoVehicles:
         self.paints = [paint_of(demand, rank, shape.name) for rank, shape in enumerate(self.shapes)]
         self.lane_changes: list[tuple[float, int, str, str]] = []
         self._lane_ids = {ours: lane for lane, ours in fleet.network.internal.items()}
+        self._lane_number = {name: number for number, name in enumerate(self._graph.lanes)}
         self._samples = LaneSamples(self._graph)
         self._controls: dict[int, Control] = {}
         self._absent: set[int] = set()
@@ -188,7 +189,7 @@ class SumoVehicles:
         calls, present = [], set()
         for number, body in enumerate(bodies):
             for lane, span in self._samples.blocked(body).items():
-                name = f"{OBSTACLE} {number} {lane}"
+                name = f"{OBSTACLE}_{number}_{self._lane_number[lane]}"
                 present.add(name)
                 if name not in self._obstacles:
                     calls += [("add", name, OBSTACLE, OBSTACLE), ("setSpeedMode", name, CONTROL_DRIVES)]

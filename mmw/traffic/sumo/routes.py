@@ -44,7 +44,6 @@ class RoutePlanner:
         self.demand, self.graph, self.length = demand, demand.town.lanes, length
         self.endless = endless_lanes(self.graph) or frozenset(self.graph.lanes)
         self.places = Places(self.graph)
-        self._fits: dict[tuple[str, str], bool] = {}
 
     def add(self, start: Start) -> SumoVehicle:
         """Return a vehicle with a model and a route.
@@ -75,10 +74,10 @@ class RoutePlanner:
     def _fits_on(self, name: str, shape: Shape) -> bool:
         """Return whether a body's wheels stay on the road on a lane, which is tried out where it crosses a junction."""
         key = (name, shape.name)
-        if key not in self._fits:
+        if key not in self.demand.tried:  # the same for every episode of a live simulation
             lane = self.graph.lanes[name]
-            self._fits[key] = not lane.junction or self._can_drive(lane, shape)
-        return self._fits[key]
+            self.demand.tried[key] = not lane.junction or self._can_drive(lane, shape)
+        return self.demand.tried[key]
 
     def _can_drive(self, lane: Lane, shape: Shape) -> bool:
         before = self.graph.predecessors[lane.name]
