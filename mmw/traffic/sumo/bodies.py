@@ -3,8 +3,10 @@
 SUMO moves front bumpers along the middles of lanes, with kinks where a change of lanes begins and ends, and with jumps
 of the acceleration. A body is pulled by its front bumper: the front axle follows it, the rear axle follows the front
 axle, neither slips sideways, and four wheels stand on the road. Then place, heading, height and slopes are smoothed
-over time with the weights of a uniform cubic B-spline, as in `mmw.traffic.live.causal`, with wider knots: SUMO is ahead
-of the bodies by the reach of these weights.
+over time with the weights of a uniform cubic B-spline: changes of lanes begin with a kink, whose jerk is least where
+the weights have no step. SUMO is ahead of the bodies by the reach of these weights.
+
+Source: B-splines as repeated moving averages, M. Unser, IEEE Signal Process. Mag. 16 (1999), 22-38.
 """
 
 from collections.abc import Sequence
