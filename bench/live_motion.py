@@ -1,7 +1,8 @@
 """Compare the motion of live traffic without controls with that of replayed traffic, for `docs/guides/closed-loop.md`.
 
 `python -m bench.live_motion docs/images/live_motion.png` takes ten seconds on the CPU. `quickstart` with 40 vehicles
-over 20 s; with `--scenario` another one of `full`. The curves are shares of all samples at 100 Hz, ends excluded.
+over 20 s; with `--scenario` another one of `full`, with `--engine sumo` SUMO (`live_motion_sumo.png`). The curves are
+shares of all samples at 100 Hz, ends excluded.
 """
 
 import argparse
@@ -18,7 +19,7 @@ from mmw.core.transforms import quaternion_to_ypr
 from mmw.scene.prepare import make_demand
 from mmw.scene.sources import scenario_source
 from mmw.traffic.demand import TrafficDemand
-from mmw.traffic.idm.simulation import simulate_idm
+from mmw.traffic.engine import simulate_traffic
 from mmw.traffic.live.live_traffic import LiveTraffic
 from mmw.usd.vehicle_catalog import load_catalog
 from mmw.viz.plots.style import GREY, RED
@@ -95,17 +96,20 @@ def main() -> None:
     )
     parser.add_argument("file", type=Path, help="PNG to write")
     parser.add_argument("--scenario", default="town03_roundabout", help="scenario of `full`")
+    parser.add_argument("--engine", default="idm", choices=("idm", "sumo"))
     parser.add_argument("--vehicles", type=int, default=40)
     parser.add_argument("--frames", type=int, default=2000, help="frames at 100 Hz")
     options = parser.parse_args()
     changes = [
         f"frames.count={options.frames}",
         f"scenarios.{options.scenario}.traffic.vehicle_count={options.vehicles}",
+        f"scenarios.{options.scenario}.traffic.engine={options.engine}",
     ]
     demand = demand_of(mmw.load_config("full", changes), options.scenario)
-    tracks = [track for track in simulate_idm(demand).tracks if track.role in ("cav", "vehicle")]
+    tracks = [track for track in simulate_traffic(demand).tracks if track.role in ("cav", "vehicle")]
     traffic = LiveTraffic(demand)
     traffic.advance(options.frames)
+    traffic.close()
     recorded = np.stack([track.poses[: options.frames] for track in tracks], axis=1)
     stepped = traffic.poses[:, [traffic.names.index(track.name) for track in tracks]]
     live, replay = motion(stepped), motion(recorded)
