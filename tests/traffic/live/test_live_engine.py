@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mmw.traffic.idm.simulation import start_fleet, start_idm
+from mmw.traffic.idm.simulation import start_fleet
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import LiveEngine
 from tests.fixtures.traffic_towns import crossroad, demand, oval, with_lights
@@ -15,7 +15,7 @@ def test_without_controls_every_step_is_that_of_the_recorded_engine(town: str) -
     lit = town == "lights"
     graph = with_lights(crossroad(), "X", {"r0": "a", "r2": "a", "r1": "b", "r3": "b"}) if lit else oval()
     asked = demand(graph, vehicle_count=20, cav_ranks=(0, 3), frame_count=4000, signals=lit)
-    recorded, (live, _) = start_idm(asked), start_fleet(asked, LiveEngine, may_leave=False)
+    recorded, (live, _) = start_fleet(asked)[0], start_fleet(asked, LiveEngine, may_leave=False)
     for slow in (recorded.cars[0], live.cars[0]):  # others overtake it
         slow.plan.limit = [min(speed, 6.0) for speed in slow.plan.limit]
     reds, states = 0, set()
