@@ -113,6 +113,7 @@ PATH_GEOMETRY = TableSpec(
     (SCENARIO, FRAME, AGENT, *ENDS, PATH, *DESCRIPTION, *ANGLES, RANGE_RATE, *INTERACTIONS),
     (*LINK_KEY[:-1], "path"),
     by_weather=False,
+    unique=(*LINK_KEY[:-1], "path_id"),
 )
 
 PATH_GAINS = TableSpec(

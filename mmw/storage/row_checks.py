@@ -179,6 +179,8 @@ def _check_rows(chunk: Chunk, table: str, rows: pa.Table) -> Iterator[Finding]:
                 yield Finding("key", path, f"frames {low} to {high}; the file is for {own}")
     if count := _count_repeated(spec, rows, chunk.names):
         yield Finding("duplicate", path, f"{count} rows repeat the key {', '.join(spec.key)} of another")
+    if spec.unique and (count := _count_equal(spec.unique, rows)):
+        yield Finding("duplicate", path, f"{count} rows repeat {', '.join(spec.unique)} of another")
 
 
 def _count_infinite(values: pa.ChunkedArray) -> int:
@@ -202,12 +204,17 @@ def _count_repeated(spec: TableSpec, rows: pa.Table, names: Names) -> int:
         is_equal &= values[1:] == values[:-1]
     if is_later.all():
         return 0
-    return rows.num_rows - rows.group_by([SHARD, *spec.key], use_threads=False).aggregate([]).num_rows
+    return _count_equal(spec.key, rows)
 
 
-def columns_to_read(schema: pa.Schema, key: Sequence[str], more: Sequence[str]) -> list[str]:
-    """Return the columns of a table that the checks of rows need: key, numbers, and `more`."""
-    wanted = {"scenario", "weather", *key, *more}
+def _count_equal(columns: Sequence[str], rows: pa.Table) -> int:
+    """Return how many rows have the values of another of their shard in some columns."""
+    return rows.num_rows - rows.group_by([SHARD, *columns], use_threads=False).aggregate([]).num_rows
+
+
+def columns_to_read(schema: pa.Schema, spec: TableSpec, more: Sequence[str]) -> list[str]:
+    """Return the columns of a table that the checks of rows need: those that name a row, numbers, and `more`."""
+    wanted = {"scenario", "weather", *spec.key, *spec.unique, *more}
     return [item.name for item in schema if item.name in wanted or pa.types.is_floating(_element(item.type))]
 
 

@@ -111,8 +111,8 @@ class _Layout:
 
     def __init__(self, spec: TableSpec, more: Sequence[str]) -> None:
         self.spec, self.schema, self.more = spec, arrow_schema(spec), more
-        self.to_read = columns_to_read(self.schema, spec.key, more)
-        self.needed = ["scenario", *(["weather"] if spec.of_weather else []), *spec.key, *more]
+        self.to_read = columns_to_read(self.schema, spec, more)
+        self.needed = ["scenario", *(["weather"] if spec.of_weather else []), *spec.key, *spec.unique, *more]
         self._known: dict[bytes, pq.ParquetSchema] = {}
 
     def is_known(self, metadata: pq.FileMetaData, stored: bytes) -> bool:
@@ -153,7 +153,7 @@ def _read_file(
                 schema = parquet.schema_arrow
                 found += _check_schema(schema, _text(version), name, table)
                 if len(schema) != len(table.schema):  # of an older schema version
-                    needed = columns_to_read(schema, table.spec.key, table.more)
+                    needed = columns_to_read(schema, table.spec, table.more)
                 elif not found:
                     table.remember(metadata, stored)
             if found:

@@ -72,6 +72,8 @@ class TableSpec:
     """Frames in one Parquet row group, which a reader must fetch for one row; 0 for groups of 65,536 rows."""
     level: int = 3
     """zstd level."""
+    unique: tuple[str, ...] = ()
+    """Columns besides the key that together name a row; none in most tables."""
 
     @property
     def of_weather(self) -> bool:

@@ -6,7 +6,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.channel.paths import path_ids, tell_apart, with_numbers
+from mmw.channel.paths import path_ids, tell_apart, with_sections
 from mmw.core.transforms import invert, transform_points
 from mmw.physics.em.diffraction import WedgeHits
 from mmw.physics.em.field import PathGeometry
@@ -82,7 +82,7 @@ def path_names(
         side = dot(np.cross(forward, _upward(wedges.edge)), wedges.away) > 0.0
         named[wedges.path, wedges.step] = np.where(post < 0, table.wedges.line[own], -2 - 2 * post - side)
     ids = path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, named)
-    return tell_apart(with_numbers(ids, section), found.link, rank_by)
+    return tell_apart(with_sections(ids, section), found.link, rank_by)
 
 
 def _upward(direction: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.traced_paths import reverse_columns
-from mmw.channel.paths import PathSet, path_ids, tell_apart, with_numbers
+from mmw.channel.paths import PathSet, path_ids, tell_apart, with_sections
 from mmw.config import ChannelConfig
 from mmw.physics.em.interaction import TRANSMISSION
 
@@ -93,7 +93,7 @@ def add_reversed_links(
     named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)
     named = np.where(interaction == TRANSMISSION, joined["object_id"][len(paths) :], named)
     back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, named)
-    back_id = tell_apart(with_numbers(back_id, section[row]), link, rank_by[row])
+    back_id = tell_apart(with_sections(back_id, section[row]), link, rank_by[row])
     joined["path_id"] = np.concatenate([paths.path_id, back_id])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]

@@ -19,11 +19,13 @@ MATERIALS = oracle.radio_materials(
 )
 
 
-def body_with_two_humps() -> Prototype:
-    """Return a sheet of 4.8 m x 0.8 m with humps of 3 m radius at x = 1.5 m and -1.5 m, in facets of 0.1 m."""
-    x, y = np.meshgrid(np.linspace(-2.4, 2.4, 49), [-0.4, 0.4], indexing="ij")
-    points = np.stack([x, y, -0.076 * np.cos(2 * np.pi * x / 3.0)], axis=-1).reshape(-1, 3)
-    a = 2 * np.arange(48)
+def body_with_humps(apart: float, radius: float) -> Prototype:
+    """Return a sheet of 4.8 m x 0.8 m, in facets of 0.05 m, with humps of a radius, at half of their distance apart and
+    that distance on from x = 0 in both directions [m]."""
+    x, y = np.meshgrid(np.linspace(-2.4, 2.4, 97), [-0.4, 0.4], indexing="ij")
+    rate = 2 * np.pi / apart
+    points = np.stack([x, y, -np.cos(rate * x) / (radius * rate**2)], axis=-1).reshape(-1, 3)
+    a = 2 * np.arange(96)
     faces = np.concatenate([np.stack([a, a + 2, a + 3], axis=1), np.stack([a, a + 3, a + 1], axis=1)]).astype(np.int32)
     ids = np.zeros(len(faces), dtype=np.int32)
     return Prototype("body", points, faces, ids, find_surfaces(points, faces, np.zeros_like(ids), ids))
@@ -42,7 +44,7 @@ def test_what_hides_one_point_of_a_body_does_not_rename_the_other(turn: float, d
     humps = [np.array([x, 0.0, 0.076]) for x in (1.5, -1.5)]
     plates = [np.array([0.0, 0.0, -50.0]), *(0.5 * (ends[0] + hump) for hump in humps)]
     poses = [[place(ends[0]), place(ends[1]), body, place(plate)] for plate in plates]
-    models = [body_with_two_humps(), box_model("plate", (0.6, 0.6, 0.01), (0.0, 0.0, 0.0))]
+    models = [body_with_humps(3.0, 3.0), box_model("plate", (0.6, 0.6, 0.01), (0.0, 0.0, 0.0))]
     actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1), ("veh_1", "vehicle", 0), ("veh_2", "vehicle", 1)]
     arrays = arrays_from_parts([], models, actors, poses, materials=MATERIALS)
     config = oracle.channel(max_depth=1, finite_surfaces=True, pattern="iso")
@@ -57,6 +59,18 @@ def test_what_hides_one_point_of_a_body_does_not_rename_the_other(turn: float, d
     assert len(set(names[0].values())) == len(set(names[1].values())) == 1
     assert names[0][0] != names[1][0]
     assert abs(humps[0][0] - humps[1][0]) > SECTION_M
+
+
+def test_each_of_several_points_of_a_body_has_its_own_name(device: str) -> None:
+    """Humps at x = 0.6 m and -0.6 m are in one section, those 1.2 m farther out in the next ones."""
+    body = pose(0.0, 0.0, 0.0)
+    ends = pose(-0.1, -4.0, 40.0), pose(0.1, 4.0, 40.0)
+    actors = [("rsu_1", "rsu", -1), ("cav_1", "cav", -1), ("veh_1", "vehicle", 0)]
+    arrays = arrays_from_parts([], [body_with_humps(1.2, 1.5)], actors, [[*ends, body]], materials=MATERIALS)
+    _, paths = oracle.solve(arrays, oracle.channel(max_depth=1, finite_surfaces=True, pattern="iso"), device)
+    at = np.sort(paths.vertex[paths.interaction[:, 0] == SPECULAR, 0, 0])
+    np.testing.assert_allclose(at, [-1.8, -0.6, 0.6, 1.8], atol=0.1)
+    assert len(np.unique(paths.path_id)) == len(paths)
 
 
 def test_a_path_keeps_its_name_from_pane_to_pane(device: str) -> None:

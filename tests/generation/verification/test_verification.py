@@ -139,6 +139,16 @@ def take_a_path(root: Path, weather: str, carriers: Sequence[int] = (0, 1)) -> N
     rewrite(root, gains, without)
 
 
+def name_two_paths_alike(root: Path) -> None:
+    """Give the second path of a link the identifier of its first."""
+
+    def alike(rows: pa.Table) -> pa.Table:
+        second = rows.column("path").to_pylist().index(1)
+        return replace_column(rows, "path_id", lambda ids: [*ids[:second], ids[second - 1], *ids[second + 1 :]])
+
+    rewrite(root, GEOMETRY, alike)
+
+
 def retype_manifest(root: Path) -> None:
     """Write a manifest whose paths are lists."""
     rows = pq.read_table(root / "_manifest.parquet")
@@ -182,6 +192,7 @@ def retype_manifest(root: Path) -> None:
             "count",
             GEOMETRY,
         ),
+        (name_two_paths_alike, "duplicate", GEOMETRY),
         (lambda root: (root / GEOMETRY).unlink(), "missing", GEOMETRY),
         (forget_geometry, "count", GEOMETRY),
         (lambda root: take_a_path(root, "rainy"), "count", part("links", "rainy")),
