@@ -123,7 +123,8 @@ def thinned_lives(
     """Return how paths live over every n-th frame, 1 / `FRAME_RATE_HZ` apart, and what the frames in between tell.
 
     A jump is gradual where no change from a frame to the next in between is larger than `GRADUAL_DB`, and holds a step
-    where one is larger than `JUMP_DB`. A birth that continues an ended wave is a renamed path where it does so from a
+    where one is larger than `JUMP_DB`; it is abrupt where the amplitude does not change like that before or after, as
+    it does in a null. A birth that continues an ended wave is a renamed path where it does so from a
     frame to the next, too; the others are paths of their own, that were there at the same time or not at all.
 
     Args:
@@ -134,7 +135,7 @@ def thinned_lives(
         is_one_wave: Whether each of these goes on from another one, shape [K].
     """
     step = fine.rate_hz // FRAME_RATE_HZ
-    change, within, born, goes_on, renamed = ([] for _ in range(5))
+    change, within, abrupt, born, goes_on, renamed = ([] for _ in range(6))
     for phase in range(step):
         is_own = paths.keys["frame"] % step == phase
         own = paths.take(is_own)
@@ -142,6 +143,7 @@ def thinned_lives(
         heard = _is_heard(tracks, level)
         change.append(np.abs(level_steps_db(tracks))[heard])
         within.append(fine_steps_db(tracks, fine)[heard])
+        abrupt.append(fine_steps_db(tracks, fine, abrupt=True)[heard])
         begin = tracks.offset[:-1]
         births = tracks.is_birth & ~_begins_with_link(tracks, own) & (level[begin] > 10.0 ** (-RANGE_DB / 20.0))
         same_s = SAME_LENGTH_M_S / FRAME_RATE_HZ / SPEED_OF_LIGHT
@@ -156,6 +158,7 @@ def thinned_lives(
         "thinned_jumps": _share(jump),
         "thinned_jumps_gradual": _share(largest < GRADUAL_DB),
         "thinned_jumps_with_step": _share(largest > JUMP_DB),
+        "thinned_jumps_abrupt": _share(np.concatenate(abrupt)[jump] > JUMP_DB),
         "thinned_births_of_one_wave": sum(goes_on) / births if births else None,
         "thinned_births_renamed": sum(renamed) / births if births else None,
     }

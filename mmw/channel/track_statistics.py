@@ -5,7 +5,19 @@ import numpy as np
 from mmw.channel.path_tracks import LINK_NAMES, PathTracks
 from mmw.physics.em.vectors import unit_vector
 
-__all__ = ["continues_old_path", "fine_steps_db", "level_steps_db", "median_lifetime", "sample_rows", "survival"]
+__all__ = [
+    "ABRUPT",
+    "continues_old_path",
+    "fine_steps_db",
+    "level_steps_db",
+    "median_lifetime",
+    "sample_rows",
+    "survival",
+]
+
+ABRUPT = 2.0
+"""A change of amplitude is abrupt if those before and after it are smaller by more than this factor: in a null, where
+the amplitude falls to 0 and rises again at one rate, each is like its neighbors. Design value."""
 
 
 def survival(tracks: PathTracks, births: np.ndarray | None = None) -> np.ndarray:
@@ -115,7 +127,7 @@ def sample_rows(fine: PathTracks, tracks: PathTracks, track: np.ndarray, frame: 
     return row[key[len(fine.frame) :]]
 
 
-def fine_steps_db(tracks: PathTracks, fine: PathTracks) -> np.ndarray:
+def fine_steps_db(tracks: PathTracks, fine: PathTracks, *, abrupt: bool = False) -> np.ndarray:
     """Return, for each change of `level_steps_db`, the largest one between two of the finer samples in between [dB].
 
     A change that a channel makes little by little has small ones in between, a step has itself. Infinite where the path
@@ -124,6 +136,7 @@ def fine_steps_db(tracks: PathTracks, fine: PathTracks) -> np.ndarray:
     Args:
         tracks: Tracks of paths, with K tracks and S samples.
         fine: Tracks of the same recording with samples closer to each other.
+        abrupt: Count only changes of amplitude that are `ABRUPT`: a fade through a null has large ones in dB, too.
 
     Returns:
         Absolute values, shape [S - K].
@@ -141,15 +154,26 @@ def fine_steps_db(tracks: PathTracks, fine: PathTracks) -> np.ndarray:
     is_last[tracks.offset[1:] - 1] = True
     track, frame = tracks.track[~is_last], tracks.frame[~is_last]
     level, out = np.abs(fine.a), np.zeros(len(track))
+    counts = _is_abrupt(fine) if abrupt else np.ones(len(level), dtype=bool)
     before = sample_rows(fine, tracks, track, frame)
     for k in range(1, ratio + 1):
         after = sample_rows(fine, tracks, track, frame + k * fine.step)
         one, two = (np.where(rows < 0, np.nan, level[rows]) for rows in (before, after))
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.where((one == 0.0) & (two == 0.0), 0.0, np.abs(20.0 * np.log10(two / one)))
+        step[~np.isnan(step) & ~counts[before]] = 0.0
         out = np.maximum(out, np.where(np.isnan(step), np.inf, step))
         before = after
     return out
+
+
+def _is_abrupt(tracks: PathTracks) -> np.ndarray:
+    """Return whether the amplitude changes abruptly from each sample to the next one of its track, shape [S]."""
+    change = np.abs(np.diff(np.abs(tracks.a), append=0.0))
+    change[tracks.offset[1:] - 1] = 0.0  # to another track
+    before, after = np.roll(change, 1), np.roll(change, -1)
+    before[tracks.offset[:-1]] = 0.0
+    return change > ABRUPT * np.maximum(before, after)
 
 
 def _link_names(tracks: PathTracks) -> list[tuple[str, ...]]:

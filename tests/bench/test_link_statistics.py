@@ -56,6 +56,7 @@ def test_frames_in_between_tell_fades_from_steps() -> None:
     assert found["thinned_jumps"] == pytest.approx(25 / 50)
     assert found["thinned_jumps_gradual"] == pytest.approx(15 / 25)
     assert found["thinned_jumps_with_step"] == pytest.approx(10 / 25)
+    assert found["thinned_jumps_abrupt"] == pytest.approx(10 / 25)
     assert found["thinned_births_of_one_wave"] == found["thinned_births_renamed"] == 1.0
     assert found["births"] == 1 and found["jumps"] == pytest.approx(1 / (4 * 24 - 1))
     assert "thinned_jumps" not in lives(paths, path_id, np.zeros(rows, dtype=bool), 100)

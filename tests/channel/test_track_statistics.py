@@ -67,6 +67,15 @@ def test_survival_of_a_memoryless_law_does_not_depend_on_the_end() -> None:
     assert median_lifetime(tracks) == pytest.approx(0.007, abs=0.0011)  # 0.9^7 = 0.478
 
 
+@pytest.mark.parametrize("offset", [0.1, 0.3, 0.5])
+def test_a_null_is_no_abrupt_change(offset: float) -> None:
+    """An amplitude that falls to 0 and rises at one rate changes by several dB from sample to sample, as a fade."""
+    rows = [(f, 1, 100.0, abs(f - 4.0 - offset)) for f in range(11)]
+    fine, coarse = tracks_of(rows, 11), tracks_of(rows, 11, step=10)
+    assert fine_steps_db(coarse, fine)[0] > 3.0
+    assert fine_steps_db(coarse, fine, abrupt=True) == [0.0]
+
+
 def test_finer_frames_tell_a_fade_from_a_step() -> None:
     """Of three paths that lose 12 dB over ten frames one fades evenly, one steps by 10 dB, one is away for a frame."""
     fade = [10.0 ** (-1.2 * f / 20.0) for f in range(11)]
@@ -79,6 +88,7 @@ def test_finer_frames_tell_a_fade_from_a_step() -> None:
     assert coarse.path_id.tolist() == [3, 4, 7, 8, 9]
     np.testing.assert_allclose(level_steps_db(coarse), [0.0, -12.0, -12.0, -12.0])
     np.testing.assert_allclose(fine_steps_db(coarse, fine), [0.0, 1.2, np.inf, 10.2])
+    np.testing.assert_allclose(fine_steps_db(coarse, fine, abrupt=True), [0.0, 0.0, np.inf, 10.2])
     every = np.arange(len(coarse))
     frames = fine.frame[sample_rows(fine, coarse, every, np.full(len(coarse), 10))]
     assert frames.tolist()[2:] == [10, 10, 10] and sample_rows(fine, coarse, every[1:2], np.array([10])) == [-1]
