@@ -7,8 +7,10 @@ import numpy as np
 
 from mmw.config import ChannelConfig
 from mmw.config.links import LinkEnds
+from mmw.core.kinematics import Motion
+from mmw.core.remember import remembered
 from mmw.scene.mounted_antennas import RadioDevices, antenna_pose, mounted_antennas
-from mmw.scene.scene_data import SceneData
+from mmw.scene.scene_data import Actor, SceneData
 
 _ARRAYS = ("frame", "batch_index", "kind", "tx_actor", "rx_actor", "tx_antenna", "rx_antenna")
 """Fields of `Links` that are arrays, in their order."""
@@ -62,13 +64,14 @@ def _antenna_number(actor: np.ndarray, antenna: np.ndarray) -> np.ndarray:
     return actor.astype(np.int64) + (antenna.astype(np.int64) << 32)
 
 
-def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) -> Links:
+def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, motion: Motion | None = None) -> Links:
     """Return the links of a batch of frames.
 
     Args:
         arrays: The scene on the host.
         frames: Frames of the batch; batch index b is `frames[b]`.
         config: Which links there are, and which antennas agents have.
+        motion: Derivatives of all `poses` of the scene, if they are known.
 
     Returns:
         Every link of two present agents that a rule of `channel.links` makes.
@@ -76,15 +79,19 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    actors = arrays.actors
-    ends = config.link_ends([actor.identity for actor in actors])
-    table = np.array(ends, dtype=np.int32).reshape(-1, len(LinkEnds._fields))
+    table, mount = _plan(arrays.actors, config)
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     batch_index, row = np.nonzero(is_here[:, table[:, 1]] & is_here[:, table[:, 2]])
     kind, tx_actor, rx_actor, tx_antenna, rx_antenna = table[row].T
-    mount = np.array([[antenna_pose(own, *actor.identity) for own in config.antennas] for actor in actors])
-    mount = mount.reshape(-1, len(config.antennas), 7)
+    both = mounted_antennas(
+        arrays,
+        rows,
+        np.tile(batch_index, 2),
+        np.concatenate([tx_actor, rx_actor]),
+        mount[:, row].reshape(-1, 7),
+        motion,
+    )
     return Links(
         frame=np.array(frames, dtype=np.int32)[batch_index],
         batch_index=batch_index.astype(np.int32),
@@ -93,6 +100,19 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig) 
         rx_actor=rx_actor,
         tx_antenna=tx_antenna,
         rx_antenna=rx_antenna,
-        tx=mounted_antennas(arrays, rows, batch_index, tx_actor, mount[tx_actor, tx_antenna]),
-        rx=mounted_antennas(arrays, rows, batch_index, rx_actor, mount[rx_actor, rx_antenna]),
+        tx=both.take(slice(None, len(row))),
+        rx=both.take(slice(len(row), None)),
     )
+
+
+@remembered(owners=2, size=8)
+def _plan(actors: tuple[Actor, ...], config: ChannelConfig) -> tuple[np.ndarray, np.ndarray]:
+    """Return the links that there can be, a row of `LinkEnds` each, [N, 5], and the mounts of both ends, [2, N, 7]."""
+    identities = [actor.identity for actor in actors]
+    ends = config.link_ends(identities)
+    table = np.array(ends, dtype=np.int32).reshape(-1, len(LinkEnds._fields))
+    antennas = config.antennas
+    used = sorted({*zip(table[:, 1], table[:, 3], strict=True), *zip(table[:, 2], table[:, 4], strict=True)})
+    pose = {(actor, antenna): antenna_pose(antennas[antenna], *identities[actor]) for actor, antenna in used}
+    mount = [[pose[end] for end in zip(table[:, 1 + k], table[:, 3 + k], strict=True)] for k in range(2)]
+    return table, np.array(mount, dtype=np.float64).reshape(2, -1, 7)

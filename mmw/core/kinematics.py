@@ -74,19 +74,24 @@ def window(rows: np.ndarray) -> slice:
     return slice(max(first - REACH_FRAMES, 0), last + REACH_FRAMES + 1)
 
 
-def differentiate_rows(poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT) -> Motion:
+def differentiate_rows(
+    poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT, known: Motion | None = None
+) -> Motion:
     """Return the derivatives at some frames of a recording, bit for bit those of `differentiate`.
 
     Args:
         poses: Body-to-world in consecutive frames, shape [F, ..., 7], float64; NaN where absent.
         rows: Rows of `poses`, in any order, shape [S].
         dt: Time between frames [s].
+        known: `differentiate` of all poses, if there is one; it serves where the rows depend on the whole recording.
 
     Returns:
         Derivatives, shape [S, ..., 3].
     """
     part = window(rows)
-    motion, at = differentiate(poses[part], dt), rows - part.start
+    is_whole = part.start == 0 and part.stop >= len(poses)
+    motion = known if is_whole and known is not None else differentiate(poses[part], dt)
+    at = rows - part.start
     return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
 
 

@@ -111,8 +111,9 @@ def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
     """Return the links of those of some frames that the channel samples."""
     config = batch.config.channel
     with batch.clock.stage("channel"):
-        links = make_links(batch.arrays, frames, config)
-        return links.take(np.flatnonzero(config.is_due(links.frame, batch.arrays.rate_hz)))
+        links = make_links(batch.arrays, frames, config, batch.motion)
+        is_due = config.is_due(links.frame, batch.arrays.rate_hz)
+        return links if is_due.all() else links.take(np.flatnonzero(is_due))
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, links: Links, collected: TableRows) -> None:

@@ -6,8 +6,8 @@ import numpy as np
 
 from mmw.config.agent_keys import Body
 from mmw.config.antennas import AntennaConfig
-from mmw.core.kinematics import differentiate_rows
-from mmw.core.transforms import normalize, pose_from_mount, quaternion_to_matrix
+from mmw.core.kinematics import Motion, differentiate_rows
+from mmw.core.transforms import cross, normalize, pose_from_mount, quaternion_to_matrix
 from mmw.physics.em.vectors import rotate
 from mmw.scene.scene_data import SceneData
 
@@ -23,7 +23,7 @@ class RadioDevices:
     velocity: np.ndarray
     """Velocity of the antenna [m/s], shape [L, 3], float64."""
 
-    def take(self, rows: np.ndarray) -> "RadioDevices":
+    def take(self, rows: np.ndarray | slice) -> "RadioDevices":
         """Return some of them."""
         return RadioDevices(self.position[rows], self.rotation[rows], self.velocity[rows])
 
@@ -37,7 +37,12 @@ def antenna_pose(
 
 
 def mounted_antennas(
-    arrays: SceneData, rows: np.ndarray, row: np.ndarray, actor: np.ndarray, mount: np.ndarray
+    arrays: SceneData,
+    rows: np.ndarray,
+    row: np.ndarray,
+    actor: np.ndarray,
+    mount: np.ndarray,
+    motion: Motion | None = None,
 ) -> RadioDevices:
     """Return antennas that ride on actors.
 
@@ -48,16 +53,18 @@ def mounted_antennas(
         actor: Actor of each, present in that frame, shape [L].
         mount: Pose of each in the frame of its actor, shape [L, 7]; or its place alone [m], shape [L, 3], where its
             axes are those of the actor.
+        motion: Derivatives of all `poses` of the scene, if they are known.
     """
-    poses, motion = arrays.poses[rows], differentiate_rows(arrays.poses, rows, arrays.pose_dt)
-    rotation = quaternion_to_matrix(normalize(poses[row, actor, 3:]))
+    motion = differentiate_rows(arrays.poses, rows, arrays.pose_dt, motion)
+    pose = arrays.poses[rows[row], actor]
+    rotation = quaternion_to_matrix(normalize(pose[:, 3:]))
     lever = rotate(rotation, mount[:, :3])
     own, turned = rotation, np.flatnonzero(mount[:, 3:6].any(axis=1))
     if len(turned):  # others keep the bits of the actor's rotation
         own = rotation.copy()
         own[turned] = rotation[turned] @ quaternion_to_matrix(mount[turned, 3:])
     return RadioDevices(
-        position=poses[row, actor, :3] + lever,
+        position=pose[:, :3] + lever,
         rotation=own,
-        velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], lever),
+        velocity=motion.velocity[row, actor] + cross(motion.world_rate[row, actor], lever),
     )

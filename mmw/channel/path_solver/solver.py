@@ -19,6 +19,7 @@ from mmw.channel.paths import PathSet, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
+from mmw.core.remember import remembered
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
 from mmw.physics.em.field import combine
 from mmw.physics.em.path_gain import wedge_terms_of
@@ -43,9 +44,15 @@ def check_channel_materials(
     """
     for weather, materials in scene_materials.items():
         try:
-            permittivity_table(materials, config.carriers_hz, used)
+            _check_permittivity(materials, used, config.carriers_hz)
         except InputError as error:
             raise InputError(f"channel.carriers_hz, weather {weather}: {error}") from None
+
+
+@remembered(owners=2, size=64)
+def _check_permittivity(materials: tuple[Material, ...], used: np.ndarray, carriers_hz: tuple[float, ...]) -> None:
+    """Raise if a material has no data; what has passed once is not looked at again."""
+    permittivity_table(materials, carriers_hz, used)
 
 
 def trace_links(

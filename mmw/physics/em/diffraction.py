@@ -4,6 +4,7 @@ Source: R. G. Kouyoumjian and P. H. Pathak, Proc. IEEE 62(11), 1974, for the tra
 ITU-R P.526-15, section 4.4, and Sionna RT 2.2's technical report for faces of finite conductivity.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -73,11 +74,11 @@ class WedgeTerms:
 def wedge_terms(
     geometry: PathGeometry,
     hits: WedgeHits,
-    carrier_hz: float,
+    carriers_hz: Sequence[float],
     model: DiffractionModel,
     width: np.ndarray | None = None,
-) -> WedgeTerms:
-    """Return the four terms of each diffraction.
+) -> tuple[WedgeTerms, ...]:
+    """Return the four terms of each diffraction at every carrier.
 
     With finite faces, `utd` leaves out what the Kirchhoff integral over a face holds of its edge: the pole of the term
     at the boundary of reflection, as far as `mmw.physics.em.finite_surfaces.edge_share` says.
@@ -85,27 +86,31 @@ def wedge_terms(
     Args:
         geometry: The paths.
         hits: Their diffractions.
-        carrier_hz: Carrier frequency [Hz].
+        carriers_hz: Carrier frequencies [Hz], shape [C].
         model: How they combine with the reflections; see `wedge_matrices`.
         width: Smaller extents of both faces [m], shape [Q, 2]; None if they reflect as if they were infinite.
     """
     k_in = geometry.direction[hits.path, hits.step]
     swap, phi_in, phi_out, n = _angles(geometry, hits)
-    wave = 2.0 * np.pi * carrier_hz / SPEED_OF_LIGHT
+    wave = 2.0 * np.pi * np.array(carriers_hz)[:, None] / SPEED_OF_LIGHT
     sin_b = np.sqrt(np.maximum(1.0 - dot(k_in, hits.edge) ** 2, 1e-300))
     before, behind = geometry.lengths_around(hits.path, hits.step)
     reach = wave * before * behind / (before + behind) * sin_b**2
     scale = -np.exp(-0.25j * np.pi) / (2.0 * n * np.sqrt(2.0 * np.pi * wave) * sin_b)
     minus, plus = phi_out - phi_in, phi_out + phi_in
-    d1, d2 = (scale * _term(minus, sign, n, reach) for sign in (1.0, -1.0))
-    width_n = width_0 = None
+    widths = None
     if width is not None and model == "utd":
         far = np.sqrt(2.0 / (np.pi * before * behind / (before + behind)) * 0.5 * wave)  # sqrt(2 / (lambda rho))
-        wide = far[:, None] * np.where(swap[:, None], width[:, ::-1], width)
-        width_0 = np.where((phi_in < np.pi) & (phi_out < np.pi), wide[:, 0], np.nan)  # both in front of the face
-        width_n = np.where((n * np.pi - phi_in < np.pi) & (n * np.pi - phi_out < np.pi), wide[:, 1], np.nan)
-    d3, d4 = scale * _term(plus, 1.0, n, reach, width_n), scale * _term(plus, -1.0, n, reach, width_0)
-    return WedgeTerms((d1, d2, d3, d4), swap, n * np.pi > np.pi + phi_in)
+        wide = far[..., None] * np.where(swap[:, None], width[:, ::-1], width)
+        before_n = (n * np.pi - phi_in < np.pi) & (n * np.pi - phi_out < np.pi)  # both ends in front of the face
+        before_0 = (phi_in < np.pi) & (phi_out < np.pi)
+        widths = np.where(np.stack([before_n, before_0])[:, None], np.stack([wide[..., 1], wide[..., 0]]), np.nan)
+    beta, sign = np.stack([minus, minus, plus, plus]), np.array([1.0, -1.0, 1.0, -1.0])
+    d1, d2, d3, d4 = scale * _terms(beta[:, None], sign[:, None, None], n, reach, widths)
+    is_dark = n * np.pi > np.pi + phi_in
+    return tuple(
+        WedgeTerms((d1[column], d2[column], d3[column], d4[column]), swap, is_dark) for column in range(len(wave))
+    )
 
 
 def wedge_matrices(
@@ -168,20 +173,21 @@ def _angles(geometry: PathGeometry, hits: WedgeHits) -> tuple[np.ndarray, np.nda
     return swap, angle(to_source), angle(to_target), n
 
 
-def _term(
-    beta: np.ndarray, sign: float, n: np.ndarray, reach: np.ndarray, width: np.ndarray | None = None
+def _terms(
+    beta: np.ndarray, sign: np.ndarray, n: np.ndarray, reach: np.ndarray, width: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return cot((pi +- beta) / 2n) F(reach a(beta)), finite on the shadow boundaries, shape [Q].
+    """Return cot((pi +- beta) / 2n) F(reach a(beta)), finite on the shadow boundaries, shape [4, C, Q].
 
     With a width, without what the Kirchhoff integral over the face holds: the pole of the cotangent, n / sin(angle from
     the boundary / 2), times F, the wave of a straight edge in Fresnel's approximation.
 
     Args:
-        beta: Difference or sum of the angles of source and observer from the 0-face [rad], shape [Q].
-        sign: 1 or -1, of pi.
+        beta: Difference or sum of the angles of source and observer from the 0-face [rad], shape [4, 1, Q].
+        sign: 1 or -1, of pi, shape [4, 1, 1].
         n: Open angle over pi, shape [Q].
-        reach: Wave number times the distance parameter, shape [Q].
-        width: Smaller extent of the face, Fresnel coordinate, NaN where it holds nothing, shape [Q]; or None.
+        reach: Wave number times the distance parameter, shape [C, Q].
+        width: Smaller extent of the face, Fresnel coordinate, NaN where it holds nothing, of the last two
+            terms, shape [2, C, Q]; or None.
     """
     turns = np.round((beta + sign * np.pi) / (2.0 * n * np.pi))
     a = 2.0 * np.cos(0.5 * (2.0 * n * np.pi * turns - beta)) ** 2
@@ -193,9 +199,11 @@ def _term(
     value = np.where(is_boundary, limit, faded / np.tan(np.where(is_boundary, 1.0, off)))
     if width is None:
         return value
-    pole = np.where(is_boundary, limit, faded * n / np.sin(np.where(is_boundary, 1.0, n * off)))
+    is_boundary, off, a = is_boundary[2:], off[2:], a[2:]
+    pole = np.where(is_boundary, limit[2:], faded[2:] * n / np.sin(np.where(is_boundary, 1.0, n * off)))
     share = np.where(np.isnan(width), 0.0, edge_share(np.sqrt(2.0 * reach * a / np.pi), width))
-    return value - share * pole
+    value[2:] -= share * pole
+    return value
 
 
 def _face(

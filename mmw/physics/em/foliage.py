@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mmw.core.remember import remembered
 from mmw.physics.materials.material import Material
 
 KNEE_M = 14.0
@@ -37,6 +38,7 @@ def foliage_loss_db(carriers_hz: ArrayLike, length_m: ArrayLike) -> np.ndarray:
     return ghz**0.284 * np.where(length < KNEE_M, 0.45 * length, 1.33 * length**0.588)
 
 
+@remembered(size=64)
 def with_scattering_foliage(materials: tuple[Material, ...]) -> tuple[Material, ...]:
     """Return materials by id, of which those of foliage without a scattering coefficient have `SCATTERING`."""
     return tuple(

@@ -5,6 +5,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from mmw.core.remember import remembered
 from mmw.physics.em.diffraction import (
     DiffractionModel,
     WedgeHits,
@@ -22,7 +23,7 @@ from mmw.physics.em.scattering import (
     rough_spreading,
 )
 from mmw.physics.em.surface_response import SurfaceResponse
-from mmw.physics.materials.material import Material
+from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.materials.permittivity import permittivity_table
 
 Hits = TypeVar("Hits", WedgeHits, ScatteringPoints)
@@ -73,9 +74,7 @@ def wedge_terms_of(
         carriers_hz: Carrier frequencies [Hz].
         model: How wedges diffract.
     """
-    return tuple(
-        wedge_terms(geometry, interactions.wedges, carrier, model, interactions.wedge_width) for carrier in carriers_hz
-    )
+    return wedge_terms(geometry, interactions.wedges, carriers_hz, model, interactions.wedge_width)
 
 
 def path_transfer(
@@ -106,7 +105,7 @@ def path_transfer(
         np.concatenate([interactions.material_id[interactions.material_id >= 0], interactions.wedge_material.ravel()])
     )
     permittivity = permittivity_table(materials, carriers_hz, used)
-    radios = [material.radio for material in materials]
+    radios = _radios(materials)
     row = np.where(interactions.material_id >= 0, interactions.material_id, 0)
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
@@ -143,3 +142,9 @@ def path_transfer(
             scale = rough_columns(geometry, interactions.rough, own, response)
         out[:, column] = polarimetric_transfer(geometry, matrices, spreading, carrier, scale)
     return out
+
+
+@remembered(size=64)
+def _radios(materials: tuple[Material, ...]) -> tuple[RadioMaterial, ...]:
+    """Return the radio descriptions of materials, the same object for the same materials."""
+    return tuple(material.radio for material in materials)

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.remember import remembered
 from mmw.physics.em.fresnel import reflection, transmission
 from mmw.physics.em.layered import StackCoefficients, StackLayer, stack_coefficients
 from mmw.physics.materials.material import RadioMaterial
@@ -33,12 +34,9 @@ class SurfaceResponse:
 
     def __init__(self, radios: Sequence[RadioMaterial], permittivity: np.ndarray, carrier_hz: float):
         """Prepare the arrays; stacks of layers are made where they are asked for."""
-        self._radios, self._permittivity, self._carrier_hz = radios, permittivity, carrier_hz
-        self._thickness, self._scattering, self._rms_height = (
-            np.array([getattr(radio, name) for radio in radios], dtype=np.float64)
-            for name in ("thickness", "scattering", "rms_height")
-        )
-        self._layered = [index for index, radio in enumerate(radios) if radio.layers]
+        self._radios, self._permittivity, self._carrier_hz = tuple(radios), permittivity, carrier_hz
+        numbers, self._layered = _radio_numbers(self._radios)
+        self._thickness, self._scattering, self._rms_height = numbers
 
     def reflection(self, material: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the reflection coefficients TE and TM of a smooth surface, for e^{+jwt}, shape of `material` each.
@@ -87,6 +85,15 @@ class SurfaceResponse:
                 layers = radio_stack(self._radios[index], complex(self._permittivity[index]), self._carrier_hz)
                 found.append((rows, stack_coefficients(layers, cosine[rows], self._carrier_hz)))
         return found
+
+
+@remembered(size=64)
+def _radio_numbers(radios: tuple[RadioMaterial, ...]) -> tuple[np.ndarray, list[int]]:
+    """Return thickness, scattering coefficient and rms height of each material, [3, M], and those that have layers."""
+    rows = [[getattr(radio, name) for radio in radios] for name in ("thickness", "scattering", "rms_height")]
+    numbers = np.array(rows, dtype=np.float64)
+    numbers.flags.writeable = False
+    return numbers, [index for index, radio in enumerate(radios) if radio.layers]
 
 
 def radio_stack(radio: RadioMaterial, permittivity: complex, carrier_hz: float) -> tuple[StackLayer, ...]:

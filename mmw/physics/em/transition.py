@@ -1,5 +1,7 @@
 """Compute the transition function of the uniform theory of diffraction, and the Fresnel integral that it holds."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 SERIES_BELOW = 6.0
@@ -19,27 +21,38 @@ def scaled_tail(x: np.ndarray) -> np.ndarray:
     z = np.sqrt(x) * np.exp(0.25j * np.pi)
     out = np.full(np.shape(x), np.nan + 0j)
     is_small = x < SERIES_BELOW
-    out[is_small] = _series(z[is_small])
+    if is_small.any():
+        out[is_small] = _series(z[is_small])
     ends = [*(begin for begin, _ in FRACTION_TERMS[1:]), np.inf]
-    for (begin, terms), end in zip(FRACTION_TERMS, ends, strict=True):
-        own = (x >= begin) & (x < end) if end < np.inf else x >= begin
-        out[own] = _fraction(z[own], terms)
+    groups = [(x >= begin) & (x < end) for (begin, _), end in zip(FRACTION_TERMS, ends, strict=True)]
+    groups[-1] = x >= FRACTION_TERMS[-1][0]
+    for group, values in zip(groups, _fractions([z[group] for group in groups]), strict=True):
+        out[group] = values
     return out
 
 
 def _series(z: np.ndarray) -> np.ndarray:
-    term, total = z.copy(), z.copy()
+    term, total, square = z, z.copy(), z**2
+    double = 2.0 * square
     for n in range(1, 70):
-        term = term * 2.0 * z**2 / (2 * n + 1)
-        total = total + term
-    return np.exp(z**2) - 2.0 / np.sqrt(np.pi) * total
+        term = term * double / (2 * n + 1)
+        total += term
+    return np.exp(square) - 2.0 / np.sqrt(np.pi) * total
 
 
-def _fraction(z: np.ndarray, terms: int) -> np.ndarray:
-    fraction = z
-    for n in range(terms, 0, -1):
-        fraction = z + 0.5 * n / fraction
-    return 1.0 / (np.sqrt(np.pi) * fraction)
+def _fractions(groups: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Return the continued fractions of arguments, one array for each of `FRACTION_TERMS`; all share the last terms."""
+    z = np.concatenate(groups)
+    ends = np.cumsum([len(group) for group in groups]).tolist()
+    fraction = z.copy()
+    counts = [terms for _, terms in FRACTION_TERMS]
+    for end, most, stop in zip(ends, counts, [*counts[1:], 0], strict=True):
+        if end:
+            given, own = z[:end], fraction[:end]
+            for n in range(most, stop, -1):
+                np.divide(0.5 * n, own, out=own)
+                np.add(given, own, out=own)
+    return np.split(1.0 / (np.sqrt(np.pi) * fraction), ends[:-1])
 
 
 def transition(x: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from numbers import Number
 import numpy as np
 
 from mmw.core.errors import InputError
+from mmw.core.remember import remembered
 from mmw.physics.materials.extrapolation import AIR_MIN_HZ, permittivity_row
 from mmw.physics.materials.itu_rows import PERMITTIVITY, PREFIX, complex_permittivity
 from mmw.physics.materials.material import Material, PermittivityFunction, RadioMaterial
@@ -166,9 +167,18 @@ def permittivity_table(
     Raises:
         InputError: If a used material has no permittivity at a carrier (see `relative_permittivity`).
     """
-    carriers = list(carriers_hz)
+    carriers = tuple(float(carrier) for carrier in carriers_hz)
     table = np.full((len(materials), len(carriers)), np.nan + 0j, dtype=np.complex128)
+    known = _known_rows(materials, carriers)
     for index in range(len(materials)) if used is None else sorted({int(i) for i in used}):
-        for column, carrier in enumerate(carriers):
-            table[index, column] = relative_permittivity(materials[index].radio, carrier, materials[index].name)
+        if index not in known:
+            radio, name = materials[index].radio, materials[index].name
+            known[index] = [relative_permittivity(radio, carrier, name) for carrier in carriers]
+        table[index] = known[index]
     return table
+
+
+@remembered(size=64)
+def _known_rows(materials: tuple[Material, ...], carriers_hz: tuple[float, ...]) -> dict[int, list[complex]]:
+    """Return the permittivities by material that `permittivity_table` found so far; it fills them in."""
+    return {}
