@@ -9,6 +9,7 @@ from mmw.channel.antennas.patterns import antenna_field, slant_angles
 from mmw.channel.links import Links
 from mmw.config import ChannelConfig
 from mmw.config.antennas import AntennaConfig
+from mmw.core.remember import remembered
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,13 @@ def configured_array(antenna: AntennaConfig) -> PlanarArray:
 
 def configured_elements(config: ChannelConfig, links: Links) -> LinkElements:
     """Return the elements of the configured antennas at both ends of links."""
-    arrays = tuple(configured_array(antenna) for antenna in config.antennas)
+    arrays = _configured_arrays(config.antennas)
     return LinkElements(tx=EndElements(arrays, links.tx_antenna), rx=EndElements(arrays, links.rx_antenna))
+
+
+@remembered(size=8)
+def _configured_arrays(antennas: tuple[AntennaConfig, ...]) -> tuple[PlanarArray, ...]:
+    return tuple(configured_array(antenna) for antenna in antennas)
 
 
 def is_level(array: PlanarArray) -> bool:

@@ -1,6 +1,7 @@
 """Find path candidates, sequences of planes that could carry a path of a link, by launched rays or exhaustively."""
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import warp as wp
@@ -80,7 +81,7 @@ def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, 
     [N], if wanted."""
     scene, table, config = search.scene, search.table, search.config
     if config.candidates == "exhaustive":
-        is_hit = wp.empty((0, 0), dtype=wp.uint8, device=scene.device)
+        is_hit = _no_planes(scene.device)
         keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         has_keys = keys is not None and len(keys) > 0
         return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
@@ -109,6 +110,11 @@ def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, 
             table.sizes[name] = each
             return is_hit, keys
         each *= 4
+
+
+@cache
+def _no_planes(device: str) -> wp.array:
+    return wp.empty((0, 0), dtype=wp.uint8, device=device)
 
 
 def launch_rays(

@@ -44,8 +44,8 @@ def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, In
 def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     path, step = np.nonzero(found.kind == DIFFRACTION)
     wedge, wedges = found.surface[path, step], search.table.wedges
-    vectors = [(wedges.end - wedges.begin)[wedge], *(v[wedge] for v in (wedges.normal_0, wedges.normal_n, wedges.away))]
-    vectors.append(wedges.begin[wedge])
+    begin = wedges.begin[wedge]
+    vectors = [wedges.end[wedge] - begin, *(v[wedge] for v in (wedges.normal_0, wedges.normal_n, wedges.away)), begin]
     moved = np.nonzero(wedges.carrier[wedge] < len(search.scene.instance_actor))[0]
     if len(moved):
         batch_index = search.links.batch_index[found.link[path[moved]]]

@@ -117,14 +117,12 @@ def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
 
 def _at_mirrors(table: SurfaceTable, candidates: Iterator[Candidates]) -> Iterator[Candidates]:
     """Yield the candidates whose reflections are at flat mirrors, see `SurfaceTable.is_mirror`."""
-    is_mirror = None if table.is_mirror is None else np.append(table.is_mirror, True)  # -1 is no step
-    lead = np.append(table.lead, -1)
+    of_surface, of_plane = table.mirror_steps
+    if of_surface is None or of_plane is None:
+        yield from candidates
+        return
     for link, step, is_plane in candidates:
-        if is_mirror is None:
-            yield link, step, is_plane
-            continue
-        surface = np.maximum(step, -1)
-        keep = is_mirror[lead[surface] if is_plane else surface].all(axis=1)
+        keep = (of_plane if is_plane else of_surface)[np.maximum(step, -1)].all(axis=1)
         yield link[keep], step[keep], is_plane
 
 
@@ -278,10 +276,8 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
     reach = np.nanmax(np.abs(found.vertex - origin), axis=(1, 2), initial=0.0)
     apart = np.maximum(SAME_POINT_M, LIFT.value * (5.0 + reach))
     is_diffracted = found.kind == DIFFRACTION
-    size = np.where(
-        is_diffracted | (found.surface < 0), 0.0, np.append(area, 0.0)[np.where(is_diffracted, -1, found.surface)]
-    )
-    size = size.sum(axis=1)
+    has_none = is_diffracted | (found.surface < 0)
+    size = np.where(has_none, 0.0, area[np.where(has_none, 0, found.surface)] if len(area) else 0.0).sum(axis=1)
     columns = range(found.kind.shape[1] - 1, -1, -1)  # the last key sorts first
     keys = [found.ray, *(values[:, k] for values in (found.surface, found.kind) for k in columns)]
     rank = np.lexsort((*keys, found.order, found.link))

@@ -1,6 +1,7 @@
 """Find the outlines of the flat surfaces of a scene, over all that are coplanar, to weigh their reflections."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import warp as wp
@@ -48,14 +49,20 @@ class OutlineTable:
 
     def pieces(self, outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the pieces of outlines of planes, shape [Q], one outline after the other, and their numbers, [Q]."""
-        order = np.argsort(self.piece_plane, kind="stable")
-        low, high = (np.searchsorted(self.piece_plane[order], outline, side) for side in ("left", "right"))
+        order, sorted_planes = self._pieces_by_plane
+        low, high = (np.searchsorted(sorted_planes, outline, side) for side in ("left", "right"))
         count = high - low
         within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
         return order[np.repeat(low, count) + within], count
 
-    def on_device(self, device: str, carriers_hz: tuple[float, ...]) -> Outlines:
-        """Return the outlines for kernels, for a set of carriers."""
+    @cached_property
+    def _pieces_by_plane(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows in the order of their planes, and these planes."""
+        order = np.argsort(self.piece_plane, kind="stable")
+        return order, self.piece_plane[order]
+
+    def on_device(self, device: str, carriers_hz: tuple[float, ...], made: "Outlines | None" = None) -> Outlines:
+        """Return the outlines for kernels, for a set of carriers; they share the arrays of those made before."""
         out = Outlines()
         for name, values, dtype in (
             ("group", self.of_plane, wp.int32),
@@ -66,10 +73,11 @@ class OutlineTable:
             ("width", self.width, wp.float64),
             ("area", self.area, wp.float64),
         ):
-            setattr(out, name, wp.array(values, dtype=dtype, device=device))
+            setattr(out, name, getattr(made, name) if made else wp.array(values, dtype=dtype, device=device))
         node, weight = np.polynomial.legendre.leggauss(NODES)
-        out.rule.node = wp.array(0.5 * (node + 1.0), dtype=wp.float64, device=device)
-        out.rule.weight = wp.array(0.5 * weight, dtype=wp.float64, device=device)
+        for name, values in (("node", 0.5 * (node + 1.0)), ("weight", 0.5 * weight)):
+            own = getattr(made.rule, name) if made else wp.array(values, dtype=wp.float64, device=device)
+            setattr(out.rule, name, own)
         out.longest_m = SPEED_OF_LIGHT / min(carriers_hz)
         out.shortest_m = SPEED_OF_LIGHT / max(carriers_hz)
         out.weakest = WEAKEST_SHARE

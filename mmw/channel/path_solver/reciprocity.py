@@ -27,6 +27,8 @@ def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.nd
         that is traced itself, shape [L].
     """
     tx, rx = links.tx_number, links.rx_number
+    if set(tx.tolist()).isdisjoint(rx.tolist()):  # no antenna is an end of both kinds
+        return np.arange(len(links)), np.full(len(links), -1)
     order = np.lexsort((tx, np.maximum(tx, rx), np.minimum(tx, rx), links.batch_index))
     first, second = order[:-1], order[1:]
     polarization = np.array([antenna.polarization for antenna in config.antennas])

@@ -13,7 +13,6 @@ from mmw.config import ChannelConfig
 from mmw.core.packed_arrays import PackedArrays, borrow_arrays
 from mmw.core.transfer import scalar_type
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
-from mmw.kernels.channel.finite_surfaces import Outlines
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
 
@@ -70,9 +69,7 @@ class Search:
         pose = scene.arrays.poses[rows][:, scene.instance_actor]
         self.host_pose = make_pose(pose[..., :3], normalize(pose[..., 3:]))
         self._blocks: list[PackedArrays] = []
-        self.outlines = (
-            Outlines() if table.outlines is None else table.outlines.on_device(scene.device, config.carriers_hz)
-        )
+        self.outlines = table.outlines_on_device(scene.device, config.carriers_hz)
         (self.pose,) = self._upload((self.host_pose, wp.transformd)).arrays
         self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
         self.rank = np.empty(len(links), dtype=np.int32)

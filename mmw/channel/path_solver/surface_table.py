@@ -12,6 +12,7 @@ from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_we
 from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.core.planar_surfaces import linked_rows
+from mmw.kernels.channel.finite_surfaces import Outlines
 from mmw.kernels.channel.surfaces import BLOCK, Surfaces
 from mmw.kernels.core import structs
 from mmw.physics.em.vectors import dot, norm
@@ -66,6 +67,8 @@ class SurfaceTable:
     """Foliage that waves pass; None if it was not requested, and foliage is a solid."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
+    of_carriers: dict[tuple[float, ...], Outlines] = field(default_factory=dict)
+    """Outlines on the device for the carriers that were asked for."""
 
     def __len__(self) -> int:
         return len(self.owner)
@@ -89,9 +92,26 @@ class SurfaceTable:
         return out
 
     @cached_property
+    def mirror_steps(self) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """`is_mirror` of every surface and of the largest one of every plane, then True for -1, which is no step; None
+        where all are."""
+        if self.is_mirror is None:
+            return None, None
+        return np.append(self.is_mirror, True), np.append(self.is_mirror[self.lead], True)
+
+    @cached_property
     def used_materials(self) -> np.ndarray:
         """Material ids that some surface has, sorted."""
         return np.unique(self.material_id)
+
+    def outlines_on_device(self, device: str, carriers_hz: tuple[float, ...]) -> Outlines:
+        """Return the outlines for kernels, made once for a set of carriers; empty where surfaces are infinite."""
+        if carriers_hz not in self.of_carriers:
+            made, outlines = next(iter(self.of_carriers.values()), None), self.outlines
+            self.of_carriers[carriers_hz] = (
+                Outlines() if outlines is None else outlines.on_device(device, carriers_hz, made)
+            )
+        return self.of_carriers[carriers_hz]
 
     def scene_struct(self, scene: DeviceScene) -> structs.Scene:
         """Return the argument of kernels that trace what stops waves."""
