@@ -237,7 +237,8 @@ def test_every_ray_of_the_lattice_is_launched_once(ray_count: int, device: str) 
     arrays = ended(random_triangles(4, 200, vehicles=6), count=1)
     scene = loaded(arrays, device, [0])
     table, source = make_surface_table(scene), arrays.poses[:, -2, :3]
-    seen = launch_rays(scene, np.zeros(1, np.int32), source, ray_count, table)[0].numpy()[0]
+    search = Search(scene, make_links(arrays, [0], EXHAUSTIVE), EXHAUSTIVE, table)
+    seen = launch_rays(search, np.zeros(1, np.int32), source, ray_count)[0].numpy()[0]
     index = np.arange(ray_count)
     z, azimuth = 1 - 2 * index / (ray_count - 1), 2 * np.pi * (index * (np.sqrt(5) - 1) / 2 % 1)
     across = np.sqrt(1 - z**2)

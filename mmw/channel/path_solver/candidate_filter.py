@@ -112,11 +112,9 @@ def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTr
     device, cells, table = keys.device, keys.shape[0], search.table
     tree = CandidateTree()
     tree.key, tree.first, tree.plane_count = keys, len(sources) * table.plane_count, table.plane_count
-    tree.source = wp.empty(cells, dtype=wp.int32, device=device)
-    tree.image, tree.normal = (wp.empty(cells, dtype=wp.vec3d, device=device) for _ in range(2))
-    tree.offset = wp.empty(cells, dtype=wp.float64, device=device)
-    batch_index = wp.array(sources.batch_index, dtype=wp.int32, device=device)
-    tx = wp.array(sources.position, dtype=wp.vec3d, device=device)
+    tree.source, tree.offset = search.scratch((cells,), wp.int32), search.scratch((cells,), wp.float64)
+    tree.image, tree.normal = (search.scratch((cells,), wp.vec3d) for _ in range(2))
+    batch_index, tx = search.upload((sources.batch_index, wp.int32), (sources.position, wp.vec3d)).arrays
     for level in range(2, search.config.max_depth + 1):
         wp.launch(
             image_kernel,
@@ -130,7 +128,7 @@ def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTr
 
 def _reflected(search: Search, links: SortedLinks, sources: Sources, tree: CandidateTree) -> Iterator[Candidates]:
     """Yield the candidates of two reflections and more."""
-    first_link = wp.array(sources.first_link, dtype=wp.int32, device=tree.key.device)
+    first_link = search.upload((sources.first_link, wp.int32)).arrays[0]
     for block in range(-(-int(np.diff(sources.first_link).max()) // LINK_BITS)):
         given = [first_link, block, tree]
         inputs = [links.ends, search.table.device, search.pose, *given]
@@ -166,7 +164,7 @@ def _cull_then_fill(
     search: Search, cull: wp.Kernel, inputs: list, fill: wp.Kernel, fill_inputs: list, dim: Sequence, is_plane: bool
 ) -> Iterator[Candidates]:
     """Yield the output of a kernel that writes the links that another one marks and counts."""
-    links, count = (wp.empty(dim, dtype=wp.int32, device=search.scene.device) for _ in range(2))
+    links, count = (search.scratch(tuple(dim), wp.int32) for _ in range(2))
     wp.launch(cull, dim=dim, inputs=inputs, outputs=[links, count], device=search.scene.device)
     end, total = prefix_sum(count.flatten())
     yield from write_candidates(search, fill, [*fill_inputs, links, end.reshape(dim)], [], dim, total, is_plane)
@@ -176,7 +174,7 @@ def _with_wedges(
     search: Search, kernel: wp.Kernel, links: SortedLinks, sources: Sources, tree: CandidateTree, *more: object
 ) -> Iterator[Candidates]:
     """Yield the output of a kernel that puts wedges among the planes of candidates."""
-    first_link = wp.array(sources.first_link, dtype=wp.int32, device=tree.key.device)
+    first_link = search.upload((sources.first_link, wp.int32)).arrays[0]
     table = search.table
     inputs = [links.ends, table.device, table.wedges.device, search.pose, first_link, tree, *more]
     yield from count_then_write(search, kernel, inputs, tree.key.shape, True)

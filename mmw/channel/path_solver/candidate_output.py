@@ -34,7 +34,8 @@ def selected_pairs(search: Search, kernel: wp.Kernel, inputs: list, dim: Sequenc
     device, sizes = search.scene.device, search.table.sizes
     while True:
         room = sizes.get(kernel.key, FIRST_PAIRS)
-        count, pair = wp.zeros(1, dtype=wp.int32, device=device), wp.empty((room, 2), dtype=wp.int32, device=device)
+        count, pair = search.scratch((1,), wp.int32), search.scratch((room, 2), wp.int32)
+        count.zero_()
         wp.launch(kernel, dim=dim, inputs=inputs, outputs=[count, pair], device=device)
         size = int(count.numpy()[0])
         if size <= room:

@@ -7,11 +7,9 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.search import Search, Sources
-from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
-from mmw.scene.device_scene import DeviceScene
 
 PAIRS_AT_ONCE = 2**27
 """Maximum number of (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
@@ -87,7 +85,7 @@ def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, 
         return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
     origin = sources.position - scene.origin
     if config.max_depth == 1:
-        is_hit, _, _ = launch_rays(scene, sources.batch_index, origin, config.samples_per_tx, table)
+        is_hit, _, _ = launch_rays(search, sources.batch_index, origin, config.samples_per_tx)
         return is_hit, None
     patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
     name = f"cells at depth {config.max_depth}"
@@ -104,7 +102,7 @@ def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, 
                 f"one transmitter do not fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
             )
         is_hit, keys, is_full = launch_rays(
-            scene, sources.batch_index, origin, config.samples_per_tx, table, config.max_depth, cells, patterns
+            search, sources.batch_index, origin, config.samples_per_tx, config.max_depth, cells, patterns
         )
         if not is_full:
             table.sizes[name] = each
@@ -118,11 +116,10 @@ def _no_planes(device: str) -> wp.array:
 
 
 def launch_rays(
-    scene: DeviceScene,
+    search: Search,
     batch_index: np.ndarray,
     origin: np.ndarray,
     rays: int,
-    table: SurfaceTable,
     depth: int = 1,
     cells: int = 1,
     patterns: range = range(1),
@@ -130,11 +127,10 @@ def launch_rays(
     """Follow the rays of each transmitter.
 
     Args:
-        scene: The scene with its batch loaded.
+        search: The scene with its batch loaded, and its surfaces.
         batch_index: Position of each transmitter's frame in the batch, shape [A].
         origin: Transmitters in the scene frame [m], shape [A, 3].
         rays: Rays of each transmitter, > 1.
-        table: Surfaces of the scene.
         depth: Surfaces that a ray follows.
         cells: Size of the table of candidates, a power of two.
         patterns: Which of its surfaces a ray goes through instead of off them, one launch a bit pattern.
@@ -143,19 +139,19 @@ def launch_rays(
         Planes that are hit first, one byte each, shape [A, K]; keys of the candidates of two planes and more, shape
         [N]; and whether some candidate found no cell.
     """
-    device, stride = scene.device, neighbor_stride(rays)
+    table, device, stride = search.table, search.scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
-    is_hit = wp.zeros((len(batch_index), table.plane_count), dtype=wp.uint8, device=device)
-    keys = wp.zeros(cells, dtype=wp.uint64, device=device)
-    is_full = wp.zeros(1, dtype=wp.int32, device=device)
-    batch_indices = wp.array(batch_index, dtype=wp.int32, device=device)
-    origins = wp.array(origin.astype(np.float32), dtype=wp.vec3, device=device)
+    is_hit = search.scratch((len(batch_index), table.plane_count), wp.uint8)
+    keys, is_full = search.scratch((cells,), wp.uint64), search.scratch((1,), wp.int32)
+    for array in (is_hit, keys, is_full):
+        array.zero_()
+    batch_indices, origins = search.upload((batch_index, wp.int32), (origin, wp.vec3)).arrays
     for passes in patterns:
         wp.launch(
             launch_kernel,
             dim=(len(batch_index), row_count * stride),
             inputs=[
-                table.scene_struct(scene),
+                table.scene_struct(search.scene),
                 batch_indices,
                 origins,
                 table.device.plane,

@@ -43,6 +43,8 @@ def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, In
 
 def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     path, step = np.nonzero(found.kind == DIFFRACTION)
+    if not len(path):
+        return WedgeHits(path, step, *np.zeros((4, 0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
     wedge, wedges = found.surface[path, step], search.table.wedges
     begin = wedges.begin[wedge]
     vectors = [wedges.end[wedge] - begin, *(v[wedge] for v in (wedges.normal_0, wedges.normal_n, wedges.away)), begin]

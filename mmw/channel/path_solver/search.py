@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,16 @@ from mmw.core.transfer import scalar_type
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
+
+SCRATCH_BYTES = 1 << 22
+"""Largest array of a search that is kept for the next one [bytes]: an allocation costs what a kernel takes to fill some
+megabytes. Design value."""
+
+SCRATCH_ARRAYS = 32
+"""Most arrays that a search holds to the end for the next one; design value."""
+
+SCRATCH_KINDS = 64
+"""Most combinations of shape and type of which arrays are kept; design value."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +80,24 @@ class Search:
         pose = scene.arrays.poses[rows][:, scene.instance_actor]
         self.host_pose = make_pose(pose[..., :3], normalize(pose[..., 3:]))
         self._blocks: list[PackedArrays] = []
+        self._scratch: list[tuple[tuple[tuple[int, ...], Any], wp.array]] = []
         self.outlines = table.outlines_on_device(scene.device, config.carriers_hz)
-        (self.pose,) = self._upload((self.host_pose, wp.transformd)).arrays
+        (self.pose,) = self.upload((self.host_pose, wp.transformd)).arrays
         self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
         self.rank = np.empty(len(links), dtype=np.int32)
         self.rank[self.forward.order] = np.arange(len(links))
 
-    def _upload(self, *parts: tuple[np.ndarray, Any]) -> PackedArrays:
+    def scratch(self, shape: tuple[int, ...], kind: Any) -> wp.array:
+        """Return an array on the device until `release`, with undefined values; small ones are used again."""
+        size = wp.types.type_size_in_bytes(kind) * prod(shape)
+        if size > SCRATCH_BYTES or len(self._scratch) >= SCRATCH_ARRAYS:
+            return wp.empty(shape, dtype=kind, device=self.scene.device)
+        free = self.table.scratch.get((shape, kind))
+        array = free.pop() if free else wp.empty(shape, dtype=kind, device=self.scene.device)
+        self._scratch.append(((shape, kind), array))
+        return array
+
+    def upload(self, *parts: tuple[np.ndarray, Any]) -> PackedArrays:
         """Return arrays on the device until `release`: values and Warp type of each."""
         layouts = [(values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in parts]
         block = borrow_arrays(self.scene.device, *layouts)
@@ -90,6 +112,11 @@ class Search:
         for block in self._blocks:
             block.release()
         self._blocks.clear()
+        if len(self.table.scratch) > SCRATCH_KINDS:
+            self.table.scratch.clear()
+        for key, array in self._scratch:
+            self.table.scratch.setdefault(key, []).append(array)
+        self._scratch.clear()
         del self.forward, self.pose
 
     def with_rays(self, rays: int) -> "Search":
@@ -128,5 +155,5 @@ class Search:
         if instances:
             local[:, :, :instances] = transform_points(invert(self.host_pose)[of_batch], local[:, :, instances:])
         source = np.cumsum(is_first) - 1
-        block = self._upload((of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d))
+        block = self.upload((of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d))
         return SortedLinks(order, sources, block.struct(LinkEnds, "batch_index", "source", "tx", "rx"))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -67,6 +68,8 @@ class SurfaceTable:
     """Foliage that waves pass; None if it was not requested, and foliage is a solid."""
     sizes: dict[str, int] = field(default_factory=dict)
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
+    scratch: dict[tuple[tuple[int, ...], Any], list[wp.array]] = field(default_factory=dict)
+    """Arrays on the device that no search uses, by shape and type; see `Search.scratch`."""
     of_carriers: dict[tuple[float, ...], Outlines] = field(default_factory=dict)
     """Outlines on the device for the carriers that were asked for."""
 

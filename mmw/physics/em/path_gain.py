@@ -66,7 +66,7 @@ def _of_paths(hits: Hits, rows: np.ndarray) -> tuple[np.ndarray, Hits]:
 def wedge_terms_of(
     geometry: PathGeometry, interactions: Interactions, carriers_hz: tuple[float, ...], model: DiffractionModel = "utd"
 ) -> tuple[WedgeTerms, ...]:
-    """Return the terms of all diffractions at every carrier, which are the same in all weathers.
+    """Return the terms of all diffractions at every carrier, the same in all weathers; nothing without diffractions.
 
     Args:
         geometry: The paths.
@@ -74,6 +74,8 @@ def wedge_terms_of(
         carriers_hz: Carrier frequencies [Hz].
         model: How wedges diffract.
     """
+    if not len(interactions.wedges.path):
+        return ()
     return wedge_terms(geometry, interactions.wedges, carriers_hz, model, interactions.wedge_width)
 
 

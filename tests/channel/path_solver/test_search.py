@@ -1,0 +1,58 @@
+"""Arrays on the device are used again from search to search."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+from mmw.channel.links import make_links
+from mmw.channel.path_solver.search import SCRATCH_ARRAYS, SCRATCH_BYTES, Search
+from mmw.channel.path_solver.solver import solve_paths
+from mmw.channel.path_solver.surface_table import make_surface_table
+from mmw.config import ChannelConfig
+from tests.fixtures.antennas import antenna_at
+from tests.fixtures.device_rays import loaded
+from tests.oracles.channel import driving, traffic
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [{"candidates": "exhaustive"}, {"samples_per_tx": 5000}, {"samples_per_tx": 5000, "links": ("v2v",)}],
+    ids=["exhaustive", "launched", "both ways"],
+)
+def test_a_step_allocates_nothing_on_the_device_after_the_first_ones(
+    settings: dict, monkeypatch: pytest.MonkeyPatch, device: str
+) -> None:
+    data = traffic(driving(np.arange(8) * 0.01))
+    config = ChannelConfig(max_depth=1, antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}), **settings)
+    scene = loaded(data, device, [0])
+    table = make_surface_table(scene, **config.surface_options)
+    made: list[int] = []
+    construct = wp.array.__init__
+    monkeypatch.setattr(
+        wp.array, "__init__", lambda self, *args, **more: made.append(1) or construct(self, *args, **more)
+    )
+    for frame in range(8):
+        scene.load_batch([frame])
+        before = len(made)
+        paths = solve_paths(scene, make_links(data, [frame], config), config, data.materials, table)
+        count = len(made) - before
+        assert len(paths) > 2 and (count == 0 or frame < 3), f"{count} arrays in frame {frame}"
+
+
+def test_scratch_is_used_again_after_release_only(device: str) -> None:
+    data = traffic(driving(np.arange(3) * 0.01))
+    config = ChannelConfig(antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}))
+    scene = loaded(data, device, [0])
+    table, links = make_surface_table(scene), make_links(data, [0], config)
+    first = Search(scene, links, config, table)
+    one, other = (first.scratch((7, 2), wp.int32) for _ in range(2))
+    assert one.ptr != other.ptr and one.shape == (7, 2)
+    first.release()
+    second = Search(scene, links, config, table)
+    assert second.scratch((7, 2), wp.int32) in (one, other) and second.scratch((7, 2), wp.float64) not in (one, other)
+    large = second.scratch((SCRATCH_BYTES + 1,), wp.uint8)
+    for _ in range(2 * SCRATCH_ARRAYS):
+        second.scratch((3,), wp.int32)
+    second.release()
+    assert sum(map(len, table.scratch.values())) <= SCRATCH_ARRAYS + 2
+    assert all(array is not large for arrays in table.scratch.values() for array in arrays)
