@@ -1,12 +1,13 @@
 """Capture one batch of frames: ground truth, every sensor and the radio channel, in all weathers."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from mmw.channel.links import Links, make_links
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.channel.paths import PathSet
 from mmw.channel.rows import link_rows, path_gain_rows, path_geometry_rows
 from mmw.config import SensorConfig
 from mmw.config.sensor_spec import SENSORS, SensorSpec
@@ -117,19 +118,31 @@ def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, links: Links, collected: TableRows) -> None:
-    """Add links and their paths: traced once, their field evaluated in every weather.
+    """Add links and their paths: traced once, their field evaluated in every weather."""
+    channel_rows(batch, links, trace_channel(batch, surfaces, links, collected), collected)
+
+
+def trace_channel(batch: Batch, surfaces: SurfaceTable, links: Links, weathers: Iterable[str]) -> PathSet:
+    """Return the paths of links, with their field in some weathers."""
+    config = batch.config.channel
+    with batch.clock.stage("channel"):
+        materials = {weather: batch.arrays.materials[weather] for weather in weathers}
+        air = {weather: batch.weather(weather) for weather in materials}
+        paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
+    batch.clock.rays["channel"] += launched_rays(links, config)
+    return paths
+
+
+def channel_rows(batch: Batch, links: Links, paths: PathSet, collected: TableRows) -> None:
+    """Add rows of links and their paths.
 
     The geometry of paths is the same in every weather: only the first of `collected` has it.
     """
     config = batch.config.channel
     with batch.clock.stage("channel"):
-        materials = {weather: batch.arrays.materials[weather] for weather in collected}
-        air = {weather: batch.weather(weather) for weather in collected}
-        paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
         agents, antennas = [actor.name for actor in batch.arrays.actors], config.antenna_names
         for weather, tables in collected.items():
             tables["links"].append(link_rows(agents, antennas, config.link_names, links, paths, weather))
             tables["path_gains"].append(path_gain_rows(agents, antennas, links, paths, weather))
         for tables in list(collected.values())[:1]:
             tables["path_geometry"].append(path_geometry_rows(agents, antennas, links, paths))
-    batch.clock.rays["channel"] += launched_rays(links, config)

@@ -7,8 +7,14 @@ from contextlib import AbstractContextManager
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
+from mmw.channel.frame_paths import frame_paths
+from mmw.channel.links import Links
+from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.channel.path_table import CarrierPaths
+from mmw.channel.paths import PathSet
 from mmw.channel.tables import LINKS
 from mmw.config import Config
 from mmw.config.sensor_spec import SENSORS
@@ -26,8 +32,11 @@ from mmw.generation.capture import (
     capture_sensors,
     capture_sight,
     channel_links,
+    channel_rows,
+    trace_channel,
 )
 from mmw.generation.pipeline import join_batches
+from mmw.scene.scene_data import Actor
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import table_spec, views_of
@@ -119,6 +128,8 @@ class FrameTables:
         self._rows: dict[str, list[Any]] = defaultdict(list)
         self._done: set[Maker] = set()
         self._samples: dict[tuple[str, Maker], Rows] = {}
+        self._channel: tuple[Links, PathSet] | None = None
+        self._names: tuple[tuple[str, ...], tuple[str, ...]] = (), ()  # of actors and antennas
 
     @property
     def tables(self) -> tuple[str, ...]:
@@ -206,8 +217,35 @@ class FrameTables:
         _, weather, frame = self._where
         rows: TableRows = {weather: defaultdict(list)}
         with self._load(agent) as batch:
-            capture_makers(batch, makers, [frame], rows)
+            capture_makers(batch, [maker for maker in makers if maker != ("channel",)], [frame], rows)
+            if ("channel",) in makers and batch.surfaces is not None:
+                channel_rows(batch, *self._channel_of(batch, batch.surfaces), rows)
         return rows[weather]
+
+    def paths(self, carrier_hz: float) -> CarrierPaths | None:
+        """Return the paths at a carrier without making tables; None if there are none."""
+        if "path_gains" not in self._makers:
+            return None
+        if self._channel is None:
+            with self._load(None) as batch:
+                if batch.surfaces is None:
+                    return None
+                self._channel_of(batch, batch.surfaces)
+        assert self._channel is not None
+        (links, paths), (scenario, weather, _) = self._channel, self._where
+        carrier = np.flatnonzero(paths.carriers_hz == carrier_hz)
+        if not len(paths) or not len(carrier):
+            return None
+        return frame_paths(links, paths, weather, int(carrier[0]), *self._names, scenario)
+
+    def _channel_of(self, batch: Batch, surfaces: SurfaceTable) -> tuple[Links, PathSet]:
+        """Return the links and their paths, traced once."""
+        if self._channel is None:
+            _, weather, frame = self._where
+            links = channel_links(batch, [frame])
+            self._channel = links, trace_channel(batch, surfaces, links, [weather])
+            self._names = actor_names(batch.arrays.actors), antenna_names(batch.config)
+        return self._channel
 
     def _table(self, name: str) -> pa.Table:
         parts = self._rows.get(name, [])
@@ -221,6 +259,18 @@ class FrameTables:
 @remembered(size=8)
 def _specs(makers: Mapping[str, list[Maker]]) -> dict[str, TableSpec]:
     return {name: table_spec(name) for name in makers}
+
+
+@remembered(size=8)
+def actor_names(actors: tuple[Actor, ...]) -> tuple[str, ...]:
+    """Return the names of actors."""
+    return tuple(actor.name for actor in actors)
+
+
+@remembered(size=8)
+def antenna_names(config: Config) -> tuple[str, ...]:
+    """Return the names of the antennas of a configuration."""
+    return config.channel.antenna_names
 
 
 @remembered(size=8)
@@ -271,6 +321,16 @@ class LiveFrame(Frame):
         if table in self._tables or not self.data.changes(table):
             return super().row_of(table, agent, sensor)
         return self.data.sample(table, agent, sensor)
+
+    def paths(self, carrier_hz: float) -> CarrierPaths:
+        """Return the paths of all links of this frame at a carrier [Hz].
+
+        Raises:
+            InputError: If the frame has no paths at this carrier.
+        """
+        assert isinstance(self.data, FrameTables)
+        found = self.data.paths(carrier_hz)
+        return super().paths(carrier_hz) if found is None else found
 
     def prepare_samples(self, agent: str, sensors: Collection[str]) -> None:
         """Trace some sensors of one agent at once."""

@@ -132,6 +132,12 @@ def test_paths_and_links_are_those_of_the_view(live: mmw.Simulation) -> None:
     paths = frame.paths(28e9)
     assert paths.link_count == 3
     assert len(paths) == sum(len(link.paths["a_re"]) for link in frame.links if link.carrier_hz == 28e9) > 0
+    for carrier in (28e9, 4.9e9):
+        found = frame.paths(carrier)
+        expected = mmw.channel.CarrierPaths.from_table(frame.table("paths"), carrier, frame.table("links"))
+        assert all(np.array_equal(getattr(found, n), getattr(expected, n)) for n in ("keys", "link", "row", "a", "tau"))
+    with pytest.raises(InputError, match=r"the tables hold 4\.9e\+09, 2\.8e\+10 Hz"):
+        frame.paths(5e9)
 
 
 def test_actor_is_where_the_pose_says_two_frames_later(live: mmw.Simulation) -> None:
@@ -152,15 +158,18 @@ def test_two_simulations_at_once_do_not_disturb_each_other(live: mmw.Simulation,
         for _ in range(8):  # a control shows after 60 ms at the latest
             mine = live.step({"cav_1": Control(acceleration_m_s2=-3.0)})
             theirs = other.step()
-        kept, lost = mine.table("lidar"), other.step()
+        kept, lost, seen = mine.table("lidar"), other.step(), theirs.paths(28e9)
         assert mine.table("poses") != theirs.table("poses")
     live.reset()
     for _ in range(8):
         again = live.step({"cav_1": Control(acceleration_m_s2=-3.0)})
     assert again.table("lidar") == kept
     assert theirs.table("poses").num_rows > 0  # looked at before
+    assert np.array_equal(theirs.paths(28e9).a, seen.a)
     with pytest.raises(InputError, match="was closed or reset"):
         lost.table("lidar")
+    with pytest.raises(InputError, match="was closed or reset"):
+        lost.paths(28e9)
     for call in (other.step, other.reset, lambda: other.save("x"), lambda: other.lane_changes):
         with pytest.raises(InputError, match="is closed"):
             call()
