@@ -186,18 +186,6 @@ def tell_apart(ids: np.ndarray, link: np.ndarray, rank_by: np.ndarray) -> np.nda
     return _with_numbers(ids, rank)
 
 
-def with_sections(ids: np.ndarray, section: np.ndarray) -> np.ndarray:
-    """Return identifiers that the section of a body tells apart; those of section 0 stay, shape [P], int64.
-
-    Sections have negative numbers, ranks of `tell_apart` positive ones: no path of one has the identifier of the other.
-
-    Args:
-        ids: Identifiers of `path_ids`, shape [P].
-        section: Section of each, of either sign, shape [P], int64.
-    """
-    return _with_numbers(ids, (section < 0) - 2 * np.abs(section))
-
-
 def _with_numbers(ids: np.ndarray, number: np.ndarray) -> np.ndarray:
     """Return identifiers that a number tells apart; those of number 0 stay, shape [P], int64."""
     numbered = (_mixed(ids.astype(np.uint64), number) >> np.uint64(1)).astype(np.int64)

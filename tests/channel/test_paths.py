@@ -12,7 +12,7 @@ from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet, tell_apart, with_sections
+from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet, tell_apart
 from mmw.config import ChannelConfig
 from mmw.scene.scene_data import Actor, SceneData
 from tests.fixtures.antennas import antenna_at
@@ -188,13 +188,6 @@ def test_a_name_belongs_to_a_rank() -> None:
     np.testing.assert_array_equal(tell_apart(same, link, -np.array([1.9, 1.0, 2.0])), before[[2, 1, 0]])
     np.testing.assert_array_equal(tell_apart(same[:2], link[:2], -np.array([3.0, 2.0])), before[[0, 2]])
     np.testing.assert_array_equal(tell_apart(same, np.arange(3), -np.arange(3.0)), same)
-
-
-def test_no_section_has_the_name_of_a_rank() -> None:
-    """Paths of one name in five sections of a body, three in each, have fifteen names; the first of all keeps its."""
-    section = np.repeat(np.arange(-2, 3), 3)
-    names = tell_apart(with_sections(np.full(15, 7), section), np.zeros(15, dtype=int), np.tile(np.arange(3.0), 5))
-    assert len(np.unique(names)) == 15 and names[6] == 7
 
 
 def test_weathers_share_geometry(device: str) -> None:

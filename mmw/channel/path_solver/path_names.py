@@ -3,41 +3,13 @@
 import numpy as np
 
 from mmw.channel.links import Links
-from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.channel.paths import path_ids, tell_apart, with_sections
-from mmw.core.transforms import invert, transform_points
+from mmw.channel.paths import path_ids, tell_apart
 from mmw.physics.em.diffraction import WedgeHits
 from mmw.physics.em.field import PathGeometry
 from mmw.physics.em.interaction import DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.em.vectors import dot
-
-SECTION_M = 1.5
-"""Length of the sections of a moving body that name points of reflection [m]: a car has front, middle and rear. Design
-value: with 1 m hardly fewer names go from one point to another, and nearly twice as many change as points move on."""
-
-
-def body_sections(search: Search, found: TracedPaths) -> np.ndarray:
-    """Return the section of a moving body, along its x axis, that each path reflects at, shape [P], int64.
-
-    Bodies such as cars reflect at several points at once, a bumper and a fender, and these stay where they are while
-    the vehicle moves. 0 is the middle, and stands for all paths but single reflections at curved surfaces, too.
-
-    Args:
-        search: Links, surfaces and poses.
-        found: The paths.
-    """
-    out, table = np.zeros(len(found), dtype=np.int64), search.table
-    if table.curved is None or not len(found):
-        return out
-    is_specular = found.kind[:, 0] == SPECULAR
-    surface = np.where(is_specular, found.surface[:, 0], 0)
-    rows = np.flatnonzero(is_specular & table.curved.is_curved[surface] & (table.owner[surface] >= 0))
-    pose = search.host_pose[search.links.batch_index[found.link[rows]], table.owner[surface[rows]]]
-    local = transform_points(invert(pose), found.vertex[rows, 0])
-    out[rows] = np.floor(local[:, 0] / SECTION_M + 0.5)
-    return out
 
 
 def path_names(
@@ -46,16 +18,15 @@ def path_names(
     geometry: PathGeometry,
     wedges: WedgeHits,
     table: SurfaceTable,
-    section: np.ndarray,
     rank_by: np.ndarray,
 ) -> np.ndarray:
     """Return the identifier of each path, shape [P], int64.
 
-    A reflection is named by its wall: all coplanar surfaces, or a section of a curved one. A passage is named by its
-    object, of which it may cross one pane after the other: it bends nothing, so that the rest tells the path. A
-    diffraction is named by the line that its edge belongs to, along a round post by the post and the side that the path
-    passes; a diffuse one by its ray. Paths of a link with one name are numbered, as several points of reflection on one
-    vehicle.
+    A reflection is named by its wall: all coplanar surfaces, or a curved one. A passage is named by its object, of
+    which it may cross one pane after the other: it bends nothing, so that the rest tells the path. A diffraction is
+    named by the line that its edge belongs to, along a round post by the post and the side that the path passes; a
+    diffuse one by its ray. Paths of a link with one name are numbered by their strength, as several points of
+    reflection on one vehicle: not by their places, as points move on over a whole vehicle while they reflect.
 
     Args:
         links: The traced links.
@@ -63,7 +34,6 @@ def path_names(
         geometry: Their geometry.
         wedges: Their diffractions.
         table: Surfaces of the scene.
-        section: `body_sections` of the paths.
         rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
     """
     named = found.surface
@@ -82,7 +52,7 @@ def path_names(
         side = dot(np.cross(forward, _upward(wedges.edge)), wedges.away) > 0.0
         named[wedges.path, wedges.step] = np.where(post < 0, table.wedges.line[own], -2 - 2 * post - side)
     ids = path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, named)
-    return tell_apart(with_sections(ids, section), found.link, rank_by)
+    return tell_apart(ids, found.link, rank_by)
 
 
 def _upward(direction: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.traced_paths import reverse_columns
-from mmw.channel.paths import PathSet, path_ids, tell_apart, with_sections
+from mmw.channel.paths import PathSet, path_ids, tell_apart
 from mmw.config import ChannelConfig
 from mmw.physics.em.interaction import TRANSMISSION
 
@@ -53,7 +53,6 @@ def add_reversed_links(
     traced: np.ndarray,
     reverse_of: np.ndarray,
     wall: np.ndarray,
-    section: np.ndarray,
     rank_by: np.ndarray,
 ) -> PathSet:
     """Return the paths of all links from those of the traced ones.
@@ -67,7 +66,6 @@ def add_reversed_links(
         traced: Rows of the traced links, from `unique_links`.
         reverse_of: Row of the traced link that each link is the reverse of, from `unique_links`.
         wall: Surface that names each surface in identifiers, shape [G].
-        section: `body_sections` of the paths, shape [P].
         rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
     """
     backward = np.flatnonzero(reverse_of >= 0)
@@ -95,7 +93,7 @@ def add_reversed_links(
     named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)
     named = np.where(interaction == TRANSMISSION, joined["object_id"][len(paths) :], named)
     back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, named)
-    back_id = tell_apart(with_sections(back_id, section[row]), link, rank_by[row])
+    back_id = tell_apart(back_id, link, rank_by[row])
     joined["path_id"] = np.concatenate([paths.path_id, back_id])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]

@@ -9,7 +9,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.finite_shares import finite_shares, weakest_shares
 from mmw.channel.path_solver.found_geometry import first_faces, found_geometry, gather, range_rates
 from mmw.channel.path_solver.image_method import trace_paths
-from mmw.channel.path_solver.path_names import body_sections, path_names
+from mmw.channel.path_solver.path_names import path_names
 from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
@@ -143,11 +143,10 @@ def path_gains(
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
     is_there = found.kind != 0
     rank_by = geometry.length if trace.share is None else -np.linalg.norm(trace.share, axis=1) / geometry.length
-    section = body_sections(search, found)
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        path_id=path_names(links, found, geometry, trace.interactions.wedges, table, section, rank_by),
+        path_id=path_names(links, found, geometry, trace.interactions.wedges, table, rank_by),
         kind=path_kinds(found.kind),
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
@@ -168,10 +167,10 @@ def path_gains(
     )
     if config.dynamic_range_db is not None:
         rows = paths.rows_within(config.dynamic_range_db)
-        paths, section, rank_by = paths.take(rows), section[rows], rank_by[rows]
+        paths, rank_by = paths.take(rows), rank_by[rows]
     if is_whole:
         return paths
-    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall, section, rank_by)
+    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall, rank_by)
 
 
 def _edges(count: int, wedges: WedgeHits) -> np.ndarray:
