@@ -27,7 +27,7 @@ NOT_RUN = {
     "guides/sweeps.md": 0,
     "guides/scene.md": 0,
     "guides/python-generate.md": 0,
-    "guides/closed-loop.md": 1,
+    "guides/closed-loop.md": 2,
     "guides/query.md": 1,
     "guides/csi.md": 0,
     "guides/radio-maps.md": 1,
