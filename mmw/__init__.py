@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from mmw.config import Config, load_config
     from mmw.core.errors import Error, InputError
     from mmw.dataset import Dataset, Frame, connect, open_dataset
+    from mmw.generation.batched_simulation import BatchedSimulation
     from mmw.generation.run_config import generate
     from mmw.generation.simulation import Simulation
     from mmw.physics.materials.material import RadioMaterial
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
     open = open_dataset
 
 __all__ = [
-    "Config", "Control", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths", "PlanarArray", "RadioMap",
-    "RadioMapSolver", "RadioMaterial", "Receiver", "Scene", "Simulation", "Transmitter", "Weather", "connect",
-    "generate", "load_config", "load_scene", "open_dataset", "register_sensor",
+    "BatchedSimulation", "Config", "Control", "Dataset", "Error", "Frame", "InputError", "PathSolver", "Paths",
+    "PlanarArray", "RadioMap", "RadioMapSolver", "RadioMaterial", "Receiver", "Scene", "Simulation", "Transmitter",
+    "Weather", "connect", "generate", "load_config", "load_scene", "open_dataset", "register_sensor",
 ]  # fmt: skip
 
 __version__ = "0.2.0"
@@ -54,6 +55,7 @@ _HOME = {
     **dict.fromkeys(("Config", "load_config"), "mmw.config"),
     **dict.fromkeys(("Error", "InputError"), "mmw.core.errors"),
     **dict.fromkeys(("Dataset", "Frame", "connect", "open_dataset"), "mmw.dataset"),
+    "BatchedSimulation": "mmw.generation.batched_simulation",
     "Simulation": "mmw.generation.simulation",
     "generate": "mmw.generation.run_config",
     "RadioMaterial": "mmw.physics.materials.material",

@@ -33,6 +33,14 @@ class Config(Section):
         default=None, description="frames of every scenario; each scenario's own `frames` if absent (section)"
     )
     seed: int = Field(default=42, ge=0, lt=2**31, description="seeds traffic and sensor noise (number)")
+    scene_seed: int | None = Field(
+        default=None,
+        ge=0,
+        lt=2**31,
+        description="seeds what a scene is made of: models and paints of vehicles and people, drawn roadside units and "
+        "weather, clouds, patches of fog; traffic and noise keep `seed`, which is also this one's if null; engine idm "
+        "(number)",
+    )
     vary: VaryConfig | None = Field(
         default=None, description="what is drawn by `seed` besides models, drivers, routes and noise (section)"
     )
@@ -76,8 +84,9 @@ class Config(Section):
         vary, seed = info.data.get("vary"), info.data.get("seed")
         if weathers is None:
             return value
+        scene_seed = info.data.get("scene_seed")
         if vary is not None and seed is not None:
-            value = draw_air(value, vary, weathers, seed)
+            value = draw_air(value, vary, weathers, seed if scene_seed is None else scene_seed)
         return resolve_air(value, weathers)
 
     @model_validator(mode="after")
@@ -119,6 +128,22 @@ class Config(Section):
             frames = self.frames_of(scenario)
             for where, one in sampled:
                 one.check_frames(where, range(frames.start, frames.stop), self.frame_rate_of(scenario))
+        return self
+
+    @property
+    def seed_of_scene(self) -> int:
+        """`scene_seed`, or `seed` without one."""
+        return self.seed if self.scene_seed is None else self.scene_seed
+
+    @model_validator(mode="after")
+    def _scene_seed_fits(self) -> "Config":
+        for scenario in self.scenarios:
+            engine = scenario.traffic.engine if scenario.traffic else None
+            if self.scene_seed is not None and engine not in (None, "idm"):
+                raise InputError(
+                    f"scenario {scenario.name!r}: traffic.engine = {engine!r}: `scene_seed` gives vehicles of the "
+                    "engine idm their models; change engine, or remove scene_seed"
+                )
         return self
 
     @model_validator(mode="after")

@@ -67,7 +67,7 @@ def capture_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> 
     if not channel.enabled:
         return
     with batch.clock.stage("ground truth"):
-        due = channel.is_due(frames, batch.arrays.rate_hz)
+        due = channel.is_due(batch.arrays.numbers(frames), batch.arrays.rate_hz)
         for antenna in channel.antennas:
             sight = trace_sight(batch.scene.optical, frames, antenna, due)
             collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
@@ -113,7 +113,7 @@ def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
     config = batch.config.channel
     with batch.clock.stage("channel"):
         links = make_links(batch.arrays, frames, config, batch.motion)
-        is_due = config.is_due(links.frame, batch.arrays.rate_hz)
+        is_due = config.is_due(batch.arrays.numbers(links.frame), batch.arrays.rate_hz)
         return links if is_due.all() else links.take(np.flatnonzero(is_due))
 
 

@@ -50,6 +50,7 @@ def stage_identity(config: Config, scenario: ScenarioConfig) -> dict[str, Any]:
         "scenario": own,
         "frames": [frames.stop, config.frame_rate_of(scenario)],
         "seed": config.seed,
+        "scene_seed": config.seed_of_scene,
         "vary": config.vary.model_dump(mode="json", exclude={"weather"}) if config.vary else None,
         "sensors": [sensor.model_dump(mode="json") for sensor in config.sensors],
         "variants": config.variants[weather],

@@ -16,15 +16,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from mmw.config import ScenarioConfig
-from mmw.config.load import Source, base_folder, in_config, load_config, place_of
-from mmw.core.device import choose_device, writer_threads
+from mmw.config.load import Source
+from mmw.core.device import writer_threads
 from mmw.core.errors import InputError
 from mmw.core.timing import StageTimer
 from mmw.dataset import Dataset
 from mmw.dataset.frame import Frame
 from mmw.dataset.table_reader import MemoryTables
+from mmw.generation.chosen_scenario import choose_scenario
 from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
-from mmw.generation.estimate import check_inputs
 from mmw.generation.live.live_run import LiveRun
 from mmw.generation.live.saved_export import DATASET, save_export
 from mmw.generation.pipeline import join_batches, make_batch, trace_work
@@ -94,17 +94,16 @@ class Simulation:
             InputError: If there is no such scenario, weather, device or mode, or its traffic cannot be stepped.
             OutOfSpaceError: If the disk of temporary files is full.
         """
-        found = load_config(config, base=base)
-        found.check_single("a simulation")
-        self.config = found
+        source = choose_scenario(config, scenario, weather, base, device)
+        self.config = found = source.config
         """The configuration, validated."""
-        chosen = found.scenario(scenario or "")
+        chosen = source.scenario
         self.scenario = chosen.name
         """Name of the scenario."""
-        self.weather = found.weathers[0] if weather is None else weather
+        self.weather = source.weather
         """Name of the weather."""
-        if self.weather not in found.weathers:
-            raise InputError(f"weather = {weather}: there are {', '.join(found.weathers)}; name one of them")
+        self.device = source.device
+        """Warp device that traces."""
         frames = found.frames_of(chosen)
         self.frames = range(frames.start, frames.stop)
         """Numbers of the frames."""
@@ -112,14 +111,9 @@ class Simulation:
         """Frames a second: frame n is n / rate_hz after the start of the scenario [Hz]."""
         self._lock = threading.Lock()
         self._batch: Batch | None = None
-        where = base_folder(config, base)
-        with in_config(place_of(config)):
-            check_inputs(found.model_copy(update={"scenarios": (chosen,)}), where)
-        self.device = choose_device(found.compute.device if device == "auto" else device)
-        """Warp device that traces."""
         self._live: LiveRun | None = None
         if mode == "live":
-            self._live = LiveRun(found, chosen, self.weather, where, place_of(config), self.device)
+            self._live = LiveRun(found, chosen, self.weather, source.base, source.place, self.device)
             self.frames = self._live.frames
             self.reset()
             return
@@ -127,7 +121,7 @@ class Simulation:
             raise InputError(f"mode = {mode!r}: there are replay and live; name one of them")
         self._step = min(found.compute.batch_frames, FRAMES_PER_LAUNCH[self.device.partition(":")[0]])
         with ExitStack() as stack:
-            self._load(chosen, where, stack)
+            self._load(chosen, source.base, stack)
             self._finalizer = weakref.finalize(self, stack.pop_all().close)
 
     def _load(self, scenario: ScenarioConfig, base: Path, stack: ExitStack) -> None:
@@ -172,8 +166,8 @@ class Simulation:
     def reset(self, seed: int | None = None) -> Frame:
         """Start a live episode and return its first frame; the object is made with the seed of the configuration.
 
-        Without a seed, or with the same, the town stays on the device, which is fast. Another seed makes another
-        fleet, whose stage is written and read anew.
+        Without a seed, with the same, or where the configuration has a `scene_seed`, the town stays on the device,
+        which is fast. Otherwise another seed makes another fleet, whose stage is written and read anew.
 
         Args:
             seed: In place of `seed` of the configuration, from now on.

@@ -163,7 +163,10 @@ def _from_config(
         )  # fmt: skip
     _log_notes(data)
     first = config.frames_of(scenario).start if frame is None else frame
-    return Scene(data, weathers, frame=first, device=device, name=scenario.name, seed=config.seed, files=files)
+    return Scene(
+        data, weathers, frame=first, device=device, name=scenario.name, seed=config.seed,
+        scene_seed=config.scene_seed, files=files,
+    )  # fmt: skip
 
 
 def _inner(config: Config, scenario: ScenarioConfig) -> range:

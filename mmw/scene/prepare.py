@@ -232,7 +232,9 @@ def make_demand(
         count = base_frames(config.frames_of(scenario).stop + 1, config.frame_rate_of(scenario))
         spawn = config.vary.spawn if config.vary else None
         drivers = scenario_drivers(config, traffic)
-        return TrafficDemand(town, traffic, catalog, count, config.seed, base, spawn=spawn, drivers=drivers)
+        return TrafficDemand(
+            town, traffic, catalog, count, config.seed, base, spawn=spawn, drivers=drivers, scene_seed=config.scene_seed
+        )
     except InputError as error:
         raise InputError(f"{where}.{error}") from error
 

@@ -33,9 +33,9 @@ def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     frame = np.asarray(frames, dtype=np.int32)
     return {
         "frame": frame,
-        "time_s": frame / arrays.rate_hz,
+        "time_s": arrays.numbers(frames) / arrays.rate_hz,
         **{name: is_present[:, counted[name]].sum(axis=1) for name in COUNTED},
-        "seed": np.full(len(frame), seed),
+        "seed": np.array(arrays.seeds(frames, seed)),
     }
 
 

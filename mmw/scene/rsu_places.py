@@ -76,7 +76,7 @@ def draw_rsu_poses(config: Config, scenario: ScenarioConfig, source: Path) -> li
         places = _free_around(scene, _on_the_ground(scene, places), antenna)
         for _, other in poses:
             places = _chosen(places, np.linalg.norm(places.feet - other[:3], axis=1) >= UNIT_DISTANCE_M)
-        generator = seeded(config.seed, zlib.crc32(f"{scenario.name}.{rsu.name}".encode()))
+        generator = seeded(config.seed_of_scene, zlib.crc32(f"{scenario.name}.{rsu.name}".encode()))
         # The first in random order that has a view is each of those with one, equally likely.
         for index in generator.permutation(len(places.feet) + 1):
             if index == len(places.feet):

@@ -63,6 +63,7 @@ class Scene:
         device: str = "auto",
         name: str = "scene",
         seed: int = 42,
+        scene_seed: int | None = None,
         files: Any = None,
     ):
         """Put arrays that were read or made in code on a device.
@@ -74,13 +75,14 @@ class Scene:
             device: `auto`, `cpu` or `cuda:N`.
             name: Name of the scenario.
             seed: Seed of the sensors' random numbers.
+            scene_seed: Seed of clouds and patches of fog; None for `seed`.
             files: Temporary folder that textures are in, kept as long as the scene.
 
         Raises:
             InputError: If there is no weather, the data lacks the materials of one, it has no such frame, or the
                 machine has no such device.
         """
-        self.name, self.seed = name, seed
+        self.name, self.seed, self.scene_seed = name, seed, seed if scene_seed is None else scene_seed
         self.tx_array: PlanarArray | None = None
         self.rx_array: PlanarArray | None = None
         self._state = SceneState(data, weathers, frame, device, name, files)

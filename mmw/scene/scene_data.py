@@ -1,8 +1,10 @@
 """Hold the scene on the host: plain arrays, made by `read_stage` from a USD stage or by tests from code."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from mmw.config.agent_keys import AgentIdentity, Body
 from mmw.config.foliage import FoliageModel
@@ -184,6 +186,14 @@ class SceneData:
     def pose_rows(self, frame_count: int) -> int:
         """Return the rows of poses from the first to the last of a number of consecutive frames."""
         return max((frame_count - 1) * self.pose_stride + 1, 0)
+
+    def numbers(self, frames: ArrayLike) -> np.ndarray:
+        """Return the numbers that some of `frames` have in their scenario, by which samples and times go, int64."""
+        return np.asarray(frames, dtype=np.int64)
+
+    def seeds(self, frames: Sequence[int] | np.ndarray, seed: int) -> list[int]:
+        """Return the seed of the random numbers of each of some frames; `seed` is that of the configuration."""
+        return [seed] * len(frames)
 
     def frame_row(self, frame: int) -> int:
         """Return the row of `poses` that holds a frame.

@@ -142,7 +142,7 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
 def sample_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
     """Return the views of the frames in which a sensor samples; otherwise as `make_views`."""
     views = make_views(arrays, frames, sensor)
-    return views.take(sensor.is_due(views.frame, arrays.rate_hz))
+    return views.take(sensor.is_due(arrays.numbers(views.frame), arrays.rate_hz))
 
 
 def join_views(parts: Sequence[Views]) -> Views:
@@ -151,17 +151,19 @@ def join_views(parts: Sequence[Views]) -> Views:
     return Views(*(np.concatenate(column) for column in columns))
 
 
-def view_keys(arrays: SceneData, views: Views, *stream: str | int) -> np.ndarray:
+def view_keys(arrays: SceneData, views: Views, seed: int, *stream: str | int) -> np.ndarray:
     """Return the key of each view's random numbers at its instant, shape [A, 2], uint32.
 
     Args:
         arrays: The scene on the host, for the names of the agents.
         views: The views.
-        stream: Other parts of the name of the stream: seed, scenario, weather, sensor.
+        seed: Seed of the configuration, see `SceneData.seeds`.
+        stream: Other parts of the name of the stream: scenario, weather, sensor.
     """
     names = [arrays.actors[actor].name for actor in views.actor]
-    instants = instant_names(views.frame, arrays.rate_hz)
-    return random_keys((*stream, name, instant) for name, instant in zip(names, instants, strict=True))
+    instants = instant_names(arrays.numbers(views.frame), arrays.rate_hz)
+    named = zip(arrays.seeds(views.frame, seed), names, instants, strict=True)
+    return random_keys((own, *stream, name, instant) for own, name, instant in named)
 
 
 def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:

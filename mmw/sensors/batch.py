@@ -64,16 +64,23 @@ class Batch:
     def sensor_input(self, views: Views, weathers: Iterable[str]) -> SensorInput:
         """Return the input of a sensor with these views in some weathers."""
         air = {name: self.weather(name) for name in weathers}
-        seed, scenario = self.config.seed, self.scenario.name
         return SensorInput(
-            self.scene.optical, self.motion, views, air, seed, scenario, cache=self.cache, radio_scene=self.scene
+            self.scene.optical,
+            self.motion,
+            views,
+            air,
+            self.config.seed,
+            self.scenario.name,
+            cache=self.cache,
+            radio_scene=self.scene,
+            scene_seed=self.config.seed_of_scene,
         )
 
     def rgb_camera(self, debug: bool) -> RgbRenderer:
         """Return what renders RGB images in all weathers; textures and skies are made at the first call."""
         weathers = {name: self.weather(name) for name in self.config.weathers}
         with self.clock.stage("textures and skies"):
-            return rgb_renderer(self.cache, self.scene.optical, weathers, self.config.seed, debug)
+            return rgb_renderer(self.cache, self.scene.optical, weathers, self.config.seed_of_scene, debug)
 
     @cached_property
     def alpha_cutouts(self) -> "shading.AppearanceTable | None":

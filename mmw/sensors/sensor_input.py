@@ -38,6 +38,13 @@ class SensorInput:
     """Store of sensors for later batches of the scene, see `cached`."""
     radio_scene: DeviceScene | None = None
     """The scene as radio waves meet it, with hulls of crowns where `scene` has leaves; None if it is `scene`."""
+    scene_seed: int | None = None
+    """Seed of what all sensors see alike, such as clouds and patches of fog; None for `seed`."""
+
+    @property
+    def seed_of_scene(self) -> int:
+        """`scene_seed`, or `seed` without one."""
+        return self.seed if self.scene_seed is None else self.scene_seed
 
     def cached(self, key: Any, make: Callable[[], T]) -> T:
         """Return what a sensor keeps for all batches of the scene, such as textures; it is made at the first call.

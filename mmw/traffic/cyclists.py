@@ -81,6 +81,9 @@ def simulate_cyclists(demand: TrafficDemand) -> list[VehicleTrack]:
     chosen = nearest_places(lines, places, traffic.spawn_center_m, count)
     generators = [seeded(demand.seed, rank, 5) for rank in range(count)]
     speeds = np.array([float(generator.uniform(*CYCLING_SPEED)) for generator in generators])
+    looks = [seeded(demand.seed_of_scene, rank, 5) for rank in range(count)]
+    for generator in looks:
+        generator.uniform(*CYCLING_SPEED)  # looks come after the speed, so that both seeds may be one
     limits = [curve_speeds(line) for line in lines]
     speeds_at = [float(lines[line].sample(limits[line], np.array([at]))[0]) for line, at in chosen]
     stations = follow_lines(chosen, lines, speeds, frame_count, PERSONAL_SPACE, limits, np.minimum(speeds, speeds_at))
@@ -88,7 +91,7 @@ def simulate_cyclists(demand: TrafficDemand) -> list[VehicleTrack]:
         VehicleTrack(
             *_name(rank, traffic.vru_cyclist_ranks, len(traffic.vru_ranks)),
             model.name,
-            draw_paint(model, generators[rank]),
+            draw_paint(model, looks[rank]),
             _lean(lines[line], stations[:, rank]),
         )
         for rank, (line, _) in enumerate(chosen)

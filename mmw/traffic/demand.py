@@ -1,7 +1,7 @@
 """Hold what a traffic engine gets and what it returns."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,25 @@ class TrafficDemand:
     """How start positions are drawn by seed; None takes those nearest to `spawn_center_m`."""
     drivers: DriverFactors = field(default_factory=DriverFactors)
     """Factors of the weather on what drivers want."""
+    scene_seed: int | None = None
+    """Seed of models and paints; None for `seed`."""
+    fleet: tuple[tuple[str, str], ...] | None = None
+    """Model and paint of `cav_1`, `cav_2`..., `veh_001`...; None draws them."""
+
+    @property
+    def seed_of_scene(self) -> int:
+        """`scene_seed`, or `seed` without one."""
+        return self.seed if self.scene_seed is None else self.scene_seed
+
+    def with_seed(self, seed: int, fleet: tuple[tuple[str, str], ...] | None = None) -> "TrafficDemand":
+        """Return the same scenario with other traffic, with given models and paints, or those of its own seed.
+
+        What was computed of town and models is shared.
+        """
+        scene_seed = None if fleet is None else self.seed_of_scene
+        other = replace(self, seed=seed, scene_seed=scene_seed, fleet=fleet)
+        vars(other).update(shapes=self.shapes, ground=self.ground)
+        return other
 
     @cached_property
     def shapes(self) -> list[Shape]:

@@ -59,6 +59,8 @@ def simulate_pedestrians(demand: TrafficDemand) -> list[VehicleTrack]:
     for rank in range(count):
         generator = seeded(seed, rank, 2)
         speeds.append(float(generator.uniform(*WALKING_SPEED)))
+        generator = seeded(demand.seed_of_scene, rank, 2)
+        generator.uniform(*WALKING_SPEED)  # looks come after the speed, so that both seeds may be one
         models.append(_draw_figure(figures, generator))
         paints.append(draw_paint(figures[models[-1]], generator))
     stations = follow_lines(chosen, paths, np.array(speeds), frame_count, PERSONAL_SPACE)

@@ -201,7 +201,9 @@ class Start:
     generator: np.random.Generator
     """Draws the model, then the paint."""
     model: str | None = None
-    """Model that the configuration gives it."""
+    """Model that it has to have."""
+    paint: str | None = None
+    """Paint that it has to have."""
 
 
 def draw_starts(demand: TrafficDemand, usable: frozenset[str]) -> tuple[list[Start], tuple[int, ...]]:
@@ -229,8 +231,11 @@ def make_start(demand: TrafficDemand, rank: int, point: SpawnPoint, cav_ranks: t
     factor = generator.uniform(*DRIVER_FACTOR) * demand.drivers.speed
     headway = generator.uniform(*DRIVER_HEADWAY) * demand.drivers.headway
     number = cav_ranks.index(rank) if rank in cav_ranks else len(models)
-    model = models[number] if number < len(models) else None
-    return Start(rank, point, rank in cav_ranks, factor, headway, generator, model)
+    model, paint = models[number] if number < len(models) else None, None
+    if demand.fleet is not None and rank < len(demand.fleet):
+        number = number if rank in cav_ranks else rank + sum(other > rank for other in cav_ranks)
+        model, paint = demand.fleet[number]
+    return Start(rank, point, rank in cav_ranks, factor, headway, generator, model, paint)
 
 
 @dataclass(frozen=True)
@@ -273,7 +278,8 @@ def place_starts(
     points = list(_all_points(demand, usable, [start.point for start in starts]))
     kept = [] if suits_cav is None else [point for point in points if suits_cav(point)][: 2 * len(cav_ranks)]
     free = [point for point in points if point not in kept]
-    while len(vehicles) < len(starts):
+    count = len(starts) if demand.fleet is None else min(len(starts), len(demand.fleet))
+    while len(vehicles) < count:
         if kept and len(vehicles) > max(cav_ranks):
             kept, free = [], [point for point in points if point in kept or point in free]
         queue = (kept or free) if len(vehicles) in cav_ranks else free

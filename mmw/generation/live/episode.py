@@ -21,17 +21,20 @@ class Episode:
     Attributes:
         traffic: The actors.
         frame: The present frame; the next one is known too, so that velocities are central differences.
+        seed: Seed of traffic and noise.
     """
 
-    def __init__(self, traffic: LiveTraffic, data: SceneData, first: int) -> None:
+    def __init__(self, traffic: LiveTraffic, data: SceneData, first: int, seed: int) -> None:
         """Go to the first frame, > 0; the frame before it is known too.
 
         Args:
             traffic: At its start.
             data: The scene with all actors, in a few frames at the start.
             first: The first frame.
+            seed: Seed of traffic and noise.
         """
         self.traffic = traffic
+        self.seed = seed
         self.frame = first
         self.first = first
         self._data = data
@@ -69,6 +72,11 @@ class Episode:
                     row[:, 3:] = continuous(np.stack([self._rows[-1][:, 3:], row[:, 3:]]))[1]
                 self._rows.append(row)
             self._next += 1
+
+    def poses_around(self, frame: int, reach: int) -> np.ndarray:
+        """Return poses of all actors of the scene in the frames about one, shape [2 reach + 1, V, 7]."""
+        middle = frame - self.first + 1
+        return np.stack(self._rows[middle - reach : middle + reach + 1])
 
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""

@@ -4,7 +4,7 @@ import os
 import tempfile
 import threading
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -18,6 +18,7 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.device import writer_threads
 from mmw.core.errors import InputError
 from mmw.core.kinematics import differentiate
+from mmw.core.remember import remembered
 from mmw.core.timing import StageTimer
 from mmw.dataset import Dataset, open_dataset
 from mmw.generation.configuration_warnings import configuration_warnings, surface_warnings
@@ -55,8 +56,10 @@ class World:
     """Its stage and textures."""
     makers: Mapping[str, list[Maker]]
     """Table -> sources of its rows, of those that frames change."""
-    shown: tuple[Episode, int] | None = None
-    """Episode and frame on the device."""
+    fleet: tuple[tuple[str, str], ...]
+    """Model and paint of each vehicle."""
+    shown: tuple[object, ...] | None = None
+    """Episode and frame on the device, or what else is there."""
     present: Batch | None = None
     """`batch` for them."""
     is_closed: bool = False
@@ -67,6 +70,35 @@ class World:
             self.is_closed, self.shown, self.present = True, None, None
             self.folder.cleanup()
 
+    def traffic(self, seed: int, drones: Sequence[VehicleTrack]) -> LiveTraffic:
+        """Return traffic of a seed at its start, with the vehicles of this world.
+
+        Raises:
+            InputError: If the vehicles of this world find no places.
+        """
+        demand = self.demand
+        fleet = None if seed == demand.seed_of_scene else self.fleet
+        if (seed, fleet) != (demand.seed, demand.fleet):
+            demand = demand.with_seed(seed, fleet)
+        traffic = LiveTraffic(demand, drones)
+        if traffic.fleet != self.fleet:
+            raise InputError(
+                f"seed = {seed}: places for {len(traffic.fleet)} of the scene's {len(self.fleet)} vehicles are left; "
+                "give another seed, or a smaller traffic.vehicle_count"
+            )
+        return traffic
+
+    def check_open(self, where: str) -> None:
+        """Check that the world is there; the lock is held.
+
+        Raises:
+            InputError: If it was closed.
+        """
+        if self.is_closed:
+            raise InputError(
+                f"{where}: was closed or reset with another seed before this was looked at; look at it earlier"
+            )
+
     @contextmanager
     def showing(self, episode: Episode, frame: int, agent: str | None, where: str) -> Iterator[Batch]:
         """Keep a frame of an episode on the device; the sensors of one agent count, or of all for None.
@@ -75,27 +107,38 @@ class World:
             InputError: If the simulation is closed.
         """
         with self.lock:
-            if self.is_closed:
-                raise InputError(
-                    f"{where}: was closed or reset with another seed before this was looked at; look at it earlier"
-                )
+            self.check_open(where)
             if self.shown != (episode, frame):
                 self.shown = None
                 scene, arrays = self.batch.scene, episode.arrays(frame)
                 motion = differentiate(arrays.poses, arrays.pose_dt)
                 scene.replace_arrays(arrays, motion)
                 scene.load_batch([frame])
-                self.present, self.shown = replace(self.batch, arrays=arrays, motion=motion), (episode, frame)
+                config = _with_seed(self.batch.config, episode.seed)
+                self.present = replace(self.batch, config=config, arrays=arrays, motion=motion)
+                self.shown = episode, frame
             assert self.present is not None
             batch = self.present
             yield batch if agent is None else replace(batch, arrays=replace(batch.arrays, sensing=frozenset([agent])))
+
+
+@remembered()
+def _with_seed(config: Config, seed: int) -> Config:
+    return config if config.seed == seed else config.model_copy(update={"seed": seed})
 
 
 class LiveRun:
     """World, present episode and saved datasets of a live simulation; the methods of `Simulation` call it."""
 
     def __init__(
-        self, config: Config, scenario: ScenarioConfig, weather: str, base: Path, place: Path | str, device: str
+        self,
+        config: Config,
+        scenario: ScenarioConfig,
+        weather: str,
+        base: Path,
+        place: Path | str,
+        device: str,
+        max_frames: int = 1,
     ):
         """Make the world of the configuration's seed, and go to the first frame.
 
@@ -105,6 +148,7 @@ class LiveRun:
         """
         self._config, self._scenario, self._weather = config, scenario, weather
         self._base, self._place, self._device = base, place, device
+        self._max_frames = max_frames
         frames = config.frames_of(scenario)
         self.frames = range(max(frames.start, 1), frames.stop)
         self.name = f"simulation of {scenario.name}"
@@ -142,23 +186,31 @@ class LiveRun:
         Raises:
             InputError: If the seed is none, the world cannot be made, or the simulation is closed.
         """
-        self._check_open("reset")
+        self.check_open("reset")
         if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
             raise InputError(f"seed = {seed!r}; a whole number from 0 is needed")
-        if self._world is None or (seed is not None and seed != self._world.config.seed):
-            if seed is not None:
-                self._config = self._config.model_copy(update={"seed": seed})
-            self._make_world(self._config)
+        if seed is not None:
+            self._config = self._config.model_copy(update={"seed": seed})
+        if self._world is None or self._world.config.seed_of_scene != self._config.seed_of_scene:
+            self.make()
         else:
-            self._start(self._world, LiveTraffic(self._world.demand, self._drones(self._world.demand)))
+            episode = self.start_episode(self._config.seed)
+            self._end_episode()
+            self._episode = episode
         return self.frame()
+
+    def start_episode(self, seed: int) -> Episode:
+        """Return traffic of a seed at its first frame, with the vehicles of the present world.
+
+        Raises:
+            InputError: If the vehicles of this world find no places.
+        """
+        world = self.world
+        with in_config(self._place):
+            return Episode(world.traffic(seed, self._drones(world.demand)), world.batch.arrays, self.frames.start, seed)
 
     def _drones(self, demand: TrafficDemand) -> list[VehicleTrack]:
         return fly_drones(self._scenario.uavs, demand.frame_count)
-
-    def _start(self, world: World, traffic: LiveTraffic) -> None:
-        self._end_episode()
-        self._episode = Episode(traffic, world.batch.arrays, self.frames.start)
 
     def _end_episode(self) -> None:
         """Free what the engine of the present episode holds; its frames can still be looked at."""
@@ -166,8 +218,13 @@ class LiveRun:
             self._episode.traffic.close()
         self._episode = None
 
-    def _make_world(self, config: Config) -> None:
-        scenario = self._scenario
+    def make(self) -> None:
+        """Make the world of the seed, and go to its first frame.
+
+        Raises:
+            InputError: If the world cannot be made.
+        """
+        config, scenario = self._config, self._scenario
         with in_config(self._place):
             source = scenario_source(scenario, self._base)
             demand = make_demand(config, scenario, source, load_catalog(), self._base)
@@ -192,15 +249,16 @@ class LiveRun:
             self._notes = [*traffic.notes, *configuration_warnings(arrays, config, scenario)]
             for future in (*kernels, *skies):
                 future.result()
-        batch = make_batch(some, scenario, arrays, self._device, 1, self._pool, StageTimer())
+        batch = make_batch(some, scenario, arrays, self._device, self._max_frames, self._pool, StageTimer())
         batch = replace(batch, puts_off=True)
         self._notes += [*surface_warnings(batch.surfaces), *batch.texture_notes()]
         static = {
             name: table_from_columns(name, {"scenario": scenario.name, **columns})
             for name, columns in static_rows(arrays, config).items()
         }
-        self._world = World(config, demand, batch, static, threading.Lock(), holder, table_makers(config))
-        self._start(self._world, traffic)
+        makers = table_makers(config)
+        self._world = World(config, demand, batch, static, threading.Lock(), holder, makers, traffic.fleet)
+        self._episode = Episode(traffic, batch.arrays, self.frames.start, config.seed)
 
     def new_notes(self) -> list[str]:
         """Return the notes on a world that was made since the last call."""
@@ -217,13 +275,32 @@ class LiveRun:
         """Changes of lanes in this episode."""
         return self._present("lane_changes")[1].traffic.lane_changes
 
+    @property
+    def world(self) -> World:
+        """Town and actors.
+
+        Raises:
+            InputError: If there are none yet, or the simulation is closed.
+        """
+        return self._present("world")[0]
+
+    @property
+    def episode(self) -> Episode:
+        """The present episode; errors as of `world`."""
+        return self._present("episode")[1]
+
     def _present(self, method: str) -> tuple[World, Episode]:
-        self._check_open(method)
+        self.check_open(method)
         if self._world is None or self._episode is None:
             raise InputError(f"{self.name}: {method} before reset; call reset first")
         return self._world, self._episode
 
-    def _check_open(self, method: str) -> None:
+    def check_open(self, method: str) -> None:
+        """Check that the simulation is open.
+
+        Raises:
+            InputError: If it is closed.
+        """
         if self._is_closed:
             raise InputError(f"{self.name}: {method}: is closed; make another one")
 
@@ -239,13 +316,12 @@ class LiveRun:
         tables = FrameTables(self.name, scenario, self._weather, number, world.static, load, world.makers)
         return LiveFrame(tables, scenario, self._weather, number)
 
-    def step(self, controls: Mapping[str, Control | None] | None = None) -> LiveFrame:
-        """Go to the next frame.
+    def check_step(self, episode: Episode, controls: object) -> None:
+        """Check what does not depend on the actors before an episode is stepped.
 
         Raises:
-            InputError: If the episode is over, a control cannot be obeyed, or the simulation is closed.
+            InputError: If the episode is over, or the controls are no mapping.
         """
-        _, episode = self._present("step")
         if controls is not None and not isinstance(controls, Mapping):
             raise InputError(f"controls = {controls!r}: a mapping of actors' names to mmw.Control is needed")
         if episode.frame + 1 >= self.frames.stop:
@@ -253,6 +329,15 @@ class LiveRun:
                 f"{self.name}: frame {episode.frame} is the last of the episode; reset it, or raise frames.count "
                 f"({self.frames.stop})"
             )
+
+    def step(self, controls: Mapping[str, Control | None] | None = None) -> LiveFrame:
+        """Go to the next frame.
+
+        Raises:
+            InputError: If the episode is over, a control cannot be obeyed, or the simulation is closed.
+        """
+        _, episode = self._present("step")
+        self.check_step(episode, controls)
         episode.step(controls or {})
         return self.frame()
 
@@ -263,15 +348,21 @@ class LiveRun:
             InputError: If nothing was driven, the folder has other data, or the simulation is closed.
             Error: If the disk is full.
         """
-        world, episode = self._present("save")
+        return self.save_episode(self._present("save")[1], out, overwrite)
+
+    def save_episode(self, episode: Episode, out: str | os.PathLike[str], overwrite: bool) -> Dataset:
+        """Write the frames of an episode of the present world; errors as of `save`."""
+        config = self.world.config
+        if episode.seed != config.seed:
+            config = config.model_copy(update={"seed": episode.seed, "scene_seed": config.seed_of_scene})
         count = episode.frame + 1 - self.frames.start
-        frames = world.config.frames_of(self._scenario)
+        frames = config.frames_of(self._scenario)
         frames = frames.model_copy(update={"start": self.frames.start, "count": count})
-        output = world.config.output.model_copy(update={"dir": os.fspath(out)})
-        compute = world.config.compute.model_copy(update={"device": self._device, "workers": 1})
+        output = config.output.model_copy(update={"dir": os.fspath(out)})
+        compute = config.compute.model_copy(update={"device": self._device, "workers": 1})
         own = {"frames": frames, "output": output, "compute": compute, "scenarios": (self._scenario,)}
         tracks = [replace(track, poses=track.poses[: episode.frame + 2]) for track in episode.traffic.tracks]
-        stage = RecordedStage(world.config.model_copy(update=own), self._scenario, self._base, tracks)
+        stage = RecordedStage(config.model_copy(update=own), self._scenario, self._base, tracks)
         stage.write_dataset(self._place, overwrite)
         return open_dataset(out)
 

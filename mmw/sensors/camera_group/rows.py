@@ -47,7 +47,7 @@ def image_rows(
     """
     stems = [
         f"{scenario}/{weather}/{agent}/{frame:06d}_{sensor}"
-        for agent, frame in zip(names(arrays, views.actor).to_pylist(), views.frame, strict=True)
+        for agent, frame in zip(names(arrays, views.actor).to_pylist(), arrays.numbers(views.frame), strict=True)
     ]
     return {
         **sample_columns(arrays, sensor, views.frame, views.actor),

@@ -43,7 +43,7 @@ def sweeps(data: SensorInput, config: Lidar) -> Iterator[tuple[str, PointCloud]]
     hits = trace_lidar_hits(data.scene, data.views, config, data.motion)
     for name, weather in data.weathers.items():
         keys = data.keys(name if config.mode == "physical" else "", config.name)
-        patch_key = random_key(data.seed, data.scenario, name, "fog")
+        patch_key = random_key(data.seed_of_scene, data.scenario, name, "fog")
         points = find_lidar_returns(hits, arrays.materials[name], weather, keys, patch_key, output=data.output)
         yield name, _with_flow(data, points) if config.scene_flow else points
 
@@ -98,7 +98,7 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
         rays,
         views.for_scene(scene),
         _sweep(scene, views, config, motion),
-        wp.array(seconds(views.frame, scene.arrays.rate_hz), dtype=wp.float32, device=device),
+        wp.array(seconds(scene.arrays.numbers(views.frame), scene.arrays.rate_hz), dtype=wp.float32, device=device),
         pattern.direction_s,
         device,
     )

@@ -91,7 +91,7 @@ class RgbImage(CameraImage):
 
 def simulate(data: SensorInput, config: RgbCamera) -> dict[str, RgbImage]:
     """Return the images of all views in each weather, from the same rays."""
-    renderer = rgb_renderer(data.cache, data.scene, data.weathers, data.seed, config.debug)
+    renderer = rgb_renderer(data.cache, data.scene, data.weathers, data.seed_of_scene, config.debug)
     launches = single_launches(config, data.views, data.scene.device)
     parts = [_images(replace(data, views=launch.views), config, launch, renderer) for launch in launches]
     return {name: join([part[name] for part in parts]) for name in data.weathers}
@@ -257,7 +257,8 @@ class RgbRenderer:
         device = self._scene.device
         if not len(buffer.views):
             return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in wanted}
-        time = wp.array(seconds(buffer.views.frame, buffer.scene.arrays.rate_hz), dtype=float, device=device)
+        numbers = buffer.scene.arrays.numbers(buffer.views.frame)
+        time = wp.array(seconds(numbers, buffer.scene.arrays.rate_hz), dtype=float, device=device)
         # What does not depend on a number that the host waits for comes before the wait, so that the device goes on.
         edges = find_edges(buffer) if EXTRA_OFFSETS[config.samples] else None
         sky_light = trace_sky(buffer) if config.sky_light else None

@@ -124,7 +124,7 @@ class Fleet:
         plan = Plan(
             stance, limit, begins, find_passages(line, self.graph, shape), leaves=self._leaves(line, start.is_cav)
         )
-        paint = draw_paint(self.demand.catalog[shape.name], start.generator)
+        paint = start.paint or draw_paint(self.demand.catalog[shape.name], start.generator)
         station = start.point.station + 0.5 * shape.wheelbase
         return Car(plan, station, start.headway, start.factor, paint, is_cav=start.is_cav)
 

@@ -50,6 +50,8 @@ def start_fleet(
         InputError: If the town has too few places, no model can drive from any of them without leaving the road, or
             `signals` is true in a town without lights.
     """
+    if demand.fleet is None and demand.seed != demand.seed_of_scene:
+        demand = demand.with_seed(demand.seed, draw_fleet(demand, may_leave=may_leave))
     traffic, graph = demand.traffic, demand.town.lanes
     plans = make_plans(graph, demand.seed) if traffic.signals else {}
     if traffic.signals and not plans:
@@ -58,14 +60,30 @@ def start_fleet(
             "needed; name junctions in the town's props.signalled, or set signals: false"
         )
     before = SETTLE_S + traffic.warmup_s
-    fleet = Fleet(demand, before + SETTLE_S + demand.frame_count / FRAME_RATE_HZ, may_leave=may_leave)
-    suits_cav = fleet.suits_cav if fleet.network.exits else None
-    placed = place_starts(demand, fleet.usable, fleet.add, suits_cav)
+    fleet, placed = _place(demand, may_leave)
     changes = LaneChanges(graph, fleet.adjacent, fleet.change) if traffic.lane_changes else None
     arrivals = None
     if fleet.network.exits and may_leave:
         arrivals = Arrivals(fleet.network, len(placed.vehicles), demand.seed, fleet.enter)
     return engine_type(graph, placed.vehicles, changes, plans, -before, arrivals), placed
+
+
+def _place(demand: TrafficDemand, may_leave: bool) -> tuple[Fleet, Placed[Car]]:
+    duration = 2 * SETTLE_S + demand.traffic.warmup_s + demand.frame_count / FRAME_RATE_HZ
+    fleet = Fleet(demand, duration, may_leave=may_leave)
+    suits_cav = fleet.suits_cav if fleet.network.exits else None
+    return fleet, place_starts(demand, fleet.usable, fleet.add, suits_cav)
+
+
+def draw_fleet(demand: TrafficDemand, *, may_leave: bool = True) -> tuple[tuple[str, str], ...]:
+    """Return model and paint of `cav_1`, `cav_2`..., `veh_001`... as the seed of the scene draws them.
+
+    Raises:
+        InputError: As of `start_fleet`.
+    """
+    placed = _place(demand.with_seed(demand.seed_of_scene), may_leave)[1]
+    order = vehicle_order(placed.cav_ranks, len(placed.vehicles))
+    return tuple((placed.vehicles[rank].shape.name, placed.vehicles[rank].paint) for rank in order)
 
 
 def simulate_idm(demand: TrafficDemand) -> TrafficResult:

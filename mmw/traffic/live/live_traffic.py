@@ -81,6 +81,11 @@ class LiveTraffic:
         return [replace(track, poses=self.poses[:, column]) for column, track in enumerate(self._roster)]
 
     @property
+    def fleet(self) -> tuple[tuple[str, str], ...]:
+        """Model and paint of every vehicle, as `TrafficDemand.fleet` takes them."""
+        return tuple((track.model, track.paint) for track in self._roster[: len(self._ranks)])
+
+    @property
     def lane_changes(self) -> list[tuple[float, str, str, str]]:
         """Changes of lanes so far: time since frame 0 [s], vehicle, lane before, lane after."""
         names = {rank: self.names[position] for position, rank in enumerate(self._ranks)}
@@ -92,8 +97,7 @@ class LiveTraffic:
         Raises:
             InputError: If there is no such actor, or it cannot be controlled like this.
         """
-        for name, control in controls.items():
-            self._check(name, control)
+        self.check(controls)
         for name, control in controls.items():
             own = Control() if control is None else control
             column = self._column[name]
@@ -103,6 +107,11 @@ class LiveTraffic:
                 self._free[name].control = own
             elif column < len(self._ranks):
                 self._vehicles.command(self._ranks[column], own)
+
+    def check(self, controls: Mapping[str, Control | None]) -> None:
+        """Check that controls can be obeyed; errors as of `command`."""
+        for name, control in controls.items():
+            self._check(name, control)
 
     def _check(self, name: str, control: Control | None) -> None:
         if name not in self._column:

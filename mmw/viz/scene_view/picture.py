@@ -142,8 +142,8 @@ def _view_pose(eye: ArrayLike | None, look_at: ArrayLike | None, pose: ArrayLike
 def _renderer(scene: Scene, weather: str) -> StillRenderer:
     """Return the renderer of a scene; its textures and skies are those that `scene.capture` keeps."""
     on_device, weathers = scene.device_scene.optical, {weather: scene.weathers[weather]}
-    camera = rgb_renderer(scene.cache, on_device, weathers, scene.seed, debug=False)
-    return StillRenderer(on_device, weathers, seed=scene.seed, camera=camera)
+    camera = rgb_renderer(scene.cache, on_device, weathers, scene.scene_seed, debug=False)
+    return StillRenderer(on_device, weathers, seed=scene.scene_seed, camera=camera)
 
 
 def _with_coverage(picture: Image.Image, view: PictureView, coverage: Coverage, device: str) -> Image.Image:

@@ -72,7 +72,7 @@ def make_gallery(
         raise InputError(f"{root}: scenario {scenario!r} has no agent {agent!r}; it has {', '.join(names[:8])}, ...")
     out.mkdir(parents=True, exist_ok=True)
     air = {weather: config.air[weather].weather(weather)}
-    pictures = load_renderer(arrays, frame, air, seed=config.seed, device=device)
+    pictures = load_renderer(arrays, frame, air, seed=config.seed_of_scene, device=device)
     pose = arrays.poses[0, names.index(agent)]
     town = pictures.map_view(weather, *map_frame(pictures.scene), width=MAP_PX, samples=samples)
     close = pictures.map_view(weather, pose[:2], 120.0, width=MAP_PX, samples=samples)

@@ -94,7 +94,7 @@ def draw_scenario(
         stage = prepare_scenario(config, scenario, base, Path(folder))
         arrays = read_stage(stage, range(frame, frame + 1), config.variants, margin=1, foliage=config.foliage)
         weathers = {name: config.air[name].weather(name) for name in config.weathers}
-        pictures = load_renderer(arrays, frame, weathers, seed=config.seed, device=device)
+        pictures = load_renderer(arrays, frame, weathers, seed=config.seed_of_scene, device=device)
         rsu = next((actor.name for actor in arrays.actors if actor.role == "rsu"), "rsu")
         carriers, stream = {"cav": agent, "rsu": rsu}, (config.seed, scenario.name)
         columns = [

@@ -117,7 +117,7 @@ def draw_scenario(
             stage, _frames(frame), {weather: variants}, margin=1, rate_hz=config.frame_rate_of(found),
             roles=found.actor_roles, material_map=config.materials_of(found), foliage=config.foliage,
         )  # fmt: skip
-        pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed, device=device)
+        pictures = load_renderer(arrays, frame, {weather: values}, seed=config.seed_of_scene, device=device)
         if not viewpoint.camera:
             followed = viewpoint.follow or first_agent(arrays)
             image = _from_eye(pictures, frame, weather, viewpoint, followed, size)

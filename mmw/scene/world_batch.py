@@ -1,0 +1,73 @@
+"""Hold the present frames of several worlds side by side, as the frames of one scene that a device traces together."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mmw.scene.scene_data import SceneData
+
+NEIGHBORS = 1
+"""Poses before and after the present one of a world; central differences need no more."""
+
+
+@dataclass(frozen=True)
+class WorldBatch(SceneData):
+    """Frame k is the present frame of world k. The worlds have one town and the same actors, in other places.
+
+    `poses` has the pose before the frame, that of the frame and the one after it, world by world.
+    """
+
+    own_numbers: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    """Number of the frame of each world in its scenario, shape [F], int64."""
+    own_seeds: tuple[int, ...] = ()
+    """Seed of each world."""
+
+    @classmethod
+    def of(
+        cls, data: SceneData, poses: Sequence[np.ndarray], numbers: Sequence[int], seeds: Sequence[int]
+    ) -> "WorldBatch":
+        """Return worlds with the meshes and actors of a scene.
+
+        Args:
+            data: The scene, at 100 Hz.
+            poses: For every world its poses before, at and after its frame, shape [3, V, 7].
+            numbers: Number of every world's frame.
+            seeds: Seed of every world.
+        """
+        shared = {one.name: getattr(data, one.name) for one in fields(SceneData) if one.name not in ("frames", "poses")}
+        return cls(
+            **shared,
+            frames=range(len(poses)),
+            poses=np.concatenate(poses),
+            own_numbers=np.array(numbers, dtype=np.int64),
+            own_seeds=tuple(seeds),
+        )
+
+    @property
+    def frame_poses(self) -> np.ndarray:
+        """The rows of `poses` that are frames, shape [F, V, 7]."""
+        return self.poses[NEIGHBORS :: 2 * NEIGHBORS + 1]
+
+    def pose_rows(self, frame_count: int) -> int:
+        """Return the rows of poses of a number of worlds."""
+        return frame_count * (2 * NEIGHBORS + 1)
+
+    def numbers(self, frames: ArrayLike) -> np.ndarray:
+        """Return the numbers that the frames of some worlds have in their scenario, int64."""
+        return self.own_numbers[np.asarray(frames, dtype=np.int64)]
+
+    def seeds(self, frames: Sequence[int] | np.ndarray, seed: int) -> list[int]:
+        """Return the seeds of some worlds."""
+        return [self.own_seeds[int(frame)] for frame in frames]
+
+    def frame_row(self, frame: int) -> int:
+        """Return the row of `poses` that holds the frame of a world.
+
+        Raises:
+            ValueError: If there is no such world.
+        """
+        if frame not in self.frames:
+            raise ValueError(f"world {frame} is not in the batch, which has {len(self.frames)}")
+        return frame * (2 * NEIGHBORS + 1) + NEIGHBORS
