@@ -8,7 +8,7 @@ import pytest
 from mmw.config import VarySpawnConfig
 from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand
-from mmw.traffic.idm.simulation import simulate_idm
+from mmw.traffic.idm.simulation import simulate_idm, start_fleet
 from mmw.traffic.route import endless_lanes
 from mmw.traffic.spawn import (
     SAME_PLACE,
@@ -21,6 +21,7 @@ from mmw.traffic.spawn import (
     drawn_points,
     place_starts,
     spawn_points,
+    vehicle_order,
 )
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand, grid, surface
@@ -201,3 +202,17 @@ def test_traffic_is_sound() -> None:
         assert found.min_gap > 0.4 and found.departed == 0 and found.stuck == 0
         start = np.array([track.poses[0, :3] for track in tracks if track.role == "cav"])
         assert len(start) == 3 and np.linalg.norm(start - CENTER, axis=1).max() < 110.0 + 15.0  # 2.5 s of driving
+
+
+def test_seed_of_the_scene_keeps_models_and_paints_while_places_routes_and_drivers_change() -> None:
+    drawn = start_fleet(varied(3))[0].cars
+    fleets, headways = [], []
+    for seed in (3, 4, 5):
+        engine, placed = start_fleet(replace(varied(seed), scene_seed=3))
+        order = vehicle_order(placed.cav_ranks, len(engine.cars))
+        fleets.append([(engine.cars[rank].shape.name, engine.cars[rank].paint) for rank in order])
+        headways.append([car.headway for car in engine.cars])
+    assert len(set(fleets[0])) > 2 and fleets[0] == fleets[1] == fleets[2]
+    assert headways[0] == [car.headway for car in drawn] and headways[1] != headways[0] != headways[2]
+    own = start_fleet(varied(4))[0].cars
+    assert sorted(fleets[1]) != sorted((car.shape.name, car.paint) for car in own)

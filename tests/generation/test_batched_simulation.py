@@ -1,0 +1,155 @@
+"""Worlds stepped together: the rows of simulations of their own, bit for bit, and calls that are refused as a whole."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mmw
+from mmw import Control
+from mmw.cli.verify import main as verify
+from mmw.core.errors import InputError
+
+SENSORS = (
+    "sensors=[{type: lidar, channels: 8, points_per_channel: 45, scene_flow: true}, {type: imu}, {type: gnss}, "
+    "{type: radar, azimuth_rays: 24, elevation_rays: 8}, "
+    "{type: rgb, name: front, width_px: 32, height_px: 24, rate_hz: 50}, "
+    "{type: depth, width_px: 32, height_px: 24, segmentation: true}]"
+)
+TRAFFIC = [
+    "scenarios.town03_roundabout.traffic.vehicle_count=9",
+    "scenarios.town03_roundabout.traffic.pedestrian_count=3",
+]
+SLOW = {"cav_1": Control(target_speed_m_s=3.0)}
+STATIC = ("objects", "sensors", "materials")
+
+
+@pytest.fixture(scope="module")
+def config() -> mmw.Config:
+    """Return a scenario with start places drawn by seed, fog with patches, clouds, and every kind of sensor."""
+    return mmw.load_config(
+        "quickstart", ["frames.count=40", "vary.spawn.radius_m=80", "weathers=[foggy]", SENSORS, *TRAFFIC]
+    )
+
+
+@pytest.fixture(scope="module")
+def batch(config: mmw.Config) -> Iterator[mmw.BatchedSimulation]:
+    """Return three worlds for all tests."""
+    with mmw.BatchedSimulation(config, 3, device="cpu") as simulation:
+        yield simulation
+
+
+@pytest.mark.slow
+def test_every_world_has_the_rows_of_a_simulation_of_its_own(config: mmw.Config, batch: mmw.BatchedSimulation) -> None:
+    """World 1 starts anew with another seed, so that the worlds have different frames."""
+    batch.reset([42, 43, 44])
+    batch.step([SLOW, {}, {}])
+    batch.step()
+    assert batch.reset([7], worlds=[1])[0].frame == 1
+    frames = batch.step([{}, SLOW, None])
+    assert [frame.frame for frame in frames] == [4, 2, 4] and batch.seeds == (42, 7, 44)
+    places = np.array([frame.agents["cav_2"].pose[:2] for frame in frames])
+    assert min(np.hypot(*(places - np.roll(places, 1, axis=0)).T)) > 3.0  # other start places
+    for frame, seed, controls in zip(frames, (42, 7, 44), ([SLOW, {}, {}], [SLOW], [{}, {}, {}]), strict=True):
+        own = config.model_copy(update={"seed": seed, "scene_seed": 42})
+        with mmw.Simulation(own, mode="live", device="cpu") as alone:
+            for one in controls:
+                other = alone.step(one)
+            for name in (*frame.data.tables, "paths"):
+                assert frame.data.read(name) == other.data.read(name), (seed, name)
+        assert frame.row["seed"] == seed and len(frame.agents["cav_1"].sensor("lidar")) > 10
+
+
+def test_agents_sensor_alone_is_that_of_all_and_joint_tables_are_those_of_the_worlds(
+    batch: mmw.BatchedSimulation,
+) -> None:
+    batch.reset([42, 43, 44])
+    alone, whole = batch.step(), batch.present
+    assert [one is other for one, other in zip(alone, whole, strict=True)] == [True] * 3
+    again = batch.step()
+    points = [frame.agents["cav_1"].sensor("lidar").points for frame in again]
+    table = batch.table("lidar")
+    assert table.column("frame").to_pylist() == sorted(table.column("frame").to_pylist())
+    for world, frame in enumerate(batch.present):
+        rows = frame.data.read("lidar", agent="cav_1")
+        assert np.array_equal(frame.agents["cav_1"].sensor("lidar").points, points[world]) and rows.num_rows == 1
+    paths = batch.paths(28e9)
+    assert sorted(set(paths.keys["frame"].tolist())) == [0, 1, 2]
+    own = batch.present[1].paths(28e9)
+    at = np.flatnonzero(paths.keys["frame"] == 1)
+    assert paths.keys["agent"][at].tolist() == own.keys["agent"].tolist()
+    assert np.array_equal(paths.a[np.isin(paths.link, at)], own.a) and len(own.a) > 0
+    with pytest.raises(InputError, match="no table 'nothing'"):
+        batch.table("nothing")
+    with pytest.raises(InputError, match="'imu', which is made world by world"):
+        batch.table("imu")
+
+
+def test_fault_in_one_world_leaves_all_where_they_are_and_names_it(batch: mmw.BatchedSimulation) -> None:
+    before = batch.reset([42, 43, 44])
+    for controls, text in (
+        ([{}, {"cav_9": Control()}, {}], "world 1: control of 'cav_9': there is no such actor"),
+        ([SLOW, {}, {"ped_001": Control(target_speed_m_s=1.0)}], "world 2: .*only its pose"),
+        ([{}, [1], {}], "world 1: .*a mapping"),
+        ([{}, {}], "controls has 2 entries for 3 worlds"),
+    ):
+        with pytest.raises(InputError, match=text):
+            batch.step(controls)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="acceleration_m_s2 = nan"):  # such a control cannot be made
+        batch.step([{}, {"cav_1": Control(acceleration_m_s2=float("nan"))}, {}])
+    assert batch.present[0] is before[0]
+    for worlds, text in (([3], "no world 3"), ([-1], "no world -1"), ([1, 1], "one twice")):
+        with pytest.raises(InputError, match=text):
+            batch.step(worlds=worlds)
+    for seed in (-1, True, 1.5):
+        with pytest.raises(InputError, match="world 2: seed"):
+            batch.reset([None, None, seed])  # type: ignore[list-item]
+    assert batch.seeds == (42, 43, 44) and batch.present[2] is before[2]
+    for _ in range(38):
+        batch.step(worlds=[0])
+    with pytest.raises(InputError, match=r"world 0: .*is the last of the episode"):
+        batch.step()
+    assert [frame.frame for frame in batch.present] == [39, 1, 1]
+
+
+@pytest.mark.slow
+def test_saved_world_has_what_was_seen(batch: mmw.BatchedSimulation, tmp_path: Path) -> None:
+    batch.reset([42, 43, 44])
+    frames = [batch.step([{}, SLOW, {}])[1], batch.step()[1]]
+    seen = [frame.table("lidar").to_pylist() for frame in frames]
+    saved = batch.save(1, tmp_path / "saved")
+    assert verify([str(tmp_path / "saved")]) == 0
+    for frame, rows in zip(frames, seen, strict=True):
+        assert repr(saved.frame(batch.scenario, batch.weather, frame.frame).table("lidar").to_pylist()) == repr(rows)
+    assert batch.lane_changes(1) == []
+
+
+@pytest.mark.slow
+def test_closed_simulation_is_refused_and_another_on_the_device_goes_on(config: mmw.Config) -> None:
+    own = config.model_copy(update={"sensors": ()})
+    with mmw.BatchedSimulation(own, 2, device="cpu") as kept, mmw.BatchedSimulation(own, 2, device="cpu") as other:
+        seen, lost = other.step(), kept.step()
+        for world in range(2):
+            assert seen[world].table("paths") == lost[world].table("paths")
+        unseen = other.step()
+        other.close()
+        other.close()
+        for call in (
+            other.step,
+            other.reset,
+            lambda: other.present,
+            lambda: other.paths(28e9),
+            lambda: other.save(0, "x"),
+        ):
+            with pytest.raises(InputError, match="is closed"):
+                call()
+        with pytest.raises(InputError, match="was closed or reset"):
+            unseen[1].table("paths")
+        assert kept.step()[1].table("paths").num_rows > 0
+
+
+@pytest.mark.parametrize("worlds", [0, -1, True, 2.0])
+def test_number_of_worlds_is_checked(config: mmw.Config, worlds: int) -> None:
+    with pytest.raises(InputError, match="whole number from 1"):
+        mmw.BatchedSimulation(config, worlds, device="cpu")
