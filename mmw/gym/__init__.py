@@ -3,6 +3,7 @@
 import gymnasium
 import mmw.gym
 env = gymnasium.make("mmw/BeamTracking-v0")
+envs = gymnasium.make_vec("mmw/BeamTracking-v0", num_envs=64, vectorization_mode="vector_entry_point")
 """
 
 from mmw.core.extras import needed_by as _needed_by
@@ -15,9 +16,10 @@ from mmw.gym.beam_tracking import BeamTracking
 from mmw.gym.fleet import Fleet
 from mmw.gym.handover import Handover
 from mmw.gym.link_rate import RadioLink
+from mmw.gym.vector_env import BeamTrackingVector, HandoverVector
 
-__all__ = ["BeamTracking", "Fleet", "Handover", "RadioLink"]
+__all__ = ["BeamTracking", "BeamTrackingVector", "Fleet", "Handover", "HandoverVector", "RadioLink"]
 
-for _name, _entry in (("BeamTracking", BeamTracking), ("Handover", Handover)):
-    if f"mmw/{_name}-v0" not in _gymnasium.registry:
-        _gymnasium.register(f"mmw/{_name}-v0", entry_point=_entry)
+for _entry, _vector in ((BeamTracking, BeamTrackingVector), (Handover, HandoverVector)):
+    if f"mmw/{_entry.__name__}-v0" not in _gymnasium.registry:
+        _gymnasium.register(f"mmw/{_entry.__name__}-v0", entry_point=_entry, vector_entry_point=_vector)

@@ -1,7 +1,7 @@
 """Track the best beam of a roadside unit towards a vehicle, without searching all of them."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -109,13 +109,34 @@ class BeamTracking(LiveEnv):
         return observation, reward, False, is_over, info
 
     def _look(self) -> tuple[dict[str, Any], float, dict[str, Any]]:
-        snr = self.link.snr(self.frame, self.agent, self.peers)[0]
-        rates = self.link.spectral_efficiency(snr)
-        best = int(np.argmax(rates))
+        snr = self.link.snr(self.frame, self.agent, self.peers)
+        served = serve(self.link, snr, np.array([self._beam]))
         observation = {
             "beam": np.int64(self._beam),
-            "snr_db": self.link.snr_db(snr[self._beam : self._beam + 1]).astype(np.float32),
+            "snr_db": served.snr_db[0],
             **self._motion(self.peers[0]),
             **self._extras(),
         }
-        return observation, float(rates[self._beam]), {"best_beam": best, "best_reward": float(rates[best])}
+        info = {"best_beam": int(served.best[0]), "best_reward": float(served.best_rate[0])}
+        return observation, float(served.rate[0]), info
+
+
+class Served(NamedTuple):
+    """What beams give in W worlds."""
+
+    snr_db: np.ndarray
+    """SNR of the beam that serves [dB], shape [W, 1], float32."""
+    rate: np.ndarray
+    """Its spectral efficiency [bit/s/Hz], shape [W]."""
+    best: np.ndarray
+    """Best beam, shape [W]."""
+    best_rate: np.ndarray
+    """Its spectral efficiency [bit/s/Hz], shape [W]."""
+
+
+def serve(link: RadioLink, snr: np.ndarray, beam: np.ndarray) -> Served:
+    """Return what the beams of some worlds give, shape [W], from SNRs of shape [W, beams, subcarriers]."""
+    rates, world = link.spectral_efficiency(snr), np.arange(len(snr))
+    best = rates.argmax(axis=1)
+    snr_db = link.snr_db(snr[world, beam])[:, None].astype(np.float32)
+    return Served(snr_db, rates[world, beam], best, rates[world, best])

@@ -1,6 +1,6 @@
 """Choose which of several stations serves a vehicle, where a change interrupts the link."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,14 @@ STATIONS = (
 """Stations of the default scenario: the one of the quickstart, and another one across the roundabout."""
 
 
+TWO_STATIONS = (
+    "frames.count=1000",
+    NO_SENSORS,
+    f"scenarios.town03_roundabout.rsus=[{', '.join(STATIONS)}]",
+)
+"""Overrides that make the default scenario."""
+
+
 class Handover(LiveEnv):
     """Choose the station that serves in the next step; each uses the best beam of its codebook.
 
@@ -37,11 +45,7 @@ class Handover(LiveEnv):
         self,
         config: Source = "quickstart",
         *,
-        overrides: tuple[str, ...] = (
-            "frames.count=1000",
-            NO_SENSORS,
-            f"scenarios.town03_roundabout.rsus=[{', '.join(STATIONS)}]",
-        ),
+        overrides: tuple[str, ...] = TWO_STATIONS,
         agent: str = "cav_1",
         peers: tuple[str, ...] = ("rsu_1", "rsu_2"),
         link: RadioLink | None = None,
@@ -72,12 +76,8 @@ class Handover(LiveEnv):
             InputError: If the configuration cannot be stepped, is too short, or has no such agents.
         """
         self.link = RadioLink() if link is None else link
-        if len(set(peers)) != len(peers) or len(peers) < 2:
-            raise InputError(f"peers = {peers}: two or more different stations are needed")
-        step_s = frames_per_step * FRAME_DT
-        if not 0.0 <= interruption_s <= step_s:
-            raise InputError(f"interruption_s = {interruption_s}; 0 to one step, {step_s:g} s, is needed")
-        self._lost = interruption_s / step_s
+        check_stations(peers)
+        self._lost = lost_share(interruption_s, frames_per_step)
         super().__init__(
             config,
             overrides=overrides,
@@ -117,13 +117,44 @@ class Handover(LiveEnv):
         return observation, share * rate, False, is_over, info
 
     def _look(self) -> tuple[dict[str, Any], float, dict[str, Any]]:
-        snr = self.link.snr(self.frame, self.agent, self.peers)
-        rates = self.link.spectral_efficiency(snr).max(axis=1)
+        snr_db, rates = best_beams(self.link, self.link.snr(self.frame, self.agent, self.peers))
         best = int(np.argmax(rates))
         observation = {
             "serving": np.int64(self._serving),
-            "snr_db": self.link.snr_db(snr).max(axis=1).astype(np.float32),
+            "snr_db": snr_db,
             **self._motion(self.peers[0]),
             **self._extras(),
         }
         return observation, float(rates[self._serving]), {"best_peer": best, "best_reward": float(rates[best])}
+
+
+def best_beams(link: RadioLink, snr: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return SNR [dB], float32, and spectral efficiency [bit/s/Hz] of the best beam of each station.
+
+    Args:
+        link: Radio of the stations.
+        snr: SNRs, shape [..., beams, subcarriers].
+    """
+    return link.snr_db(snr).max(axis=-1).astype(np.float32), link.spectral_efficiency(snr).max(axis=-1)
+
+
+def lost_share(interruption_s: float, frames_per_step: int) -> float:
+    """Return the share of a step that a change of station interrupts.
+
+    Raises:
+        InputError: If the interruption is negative or longer than a step.
+    """
+    step_s = frames_per_step * FRAME_DT
+    if not 0.0 <= interruption_s <= step_s:
+        raise InputError(f"interruption_s = {interruption_s}; 0 to one step, {step_s:g} s, is needed")
+    return interruption_s / step_s
+
+
+def check_stations(peers: Sequence[str]) -> None:
+    """Check that there are two or more different stations.
+
+    Raises:
+        InputError: If there are not.
+    """
+    if len(set(peers)) != len(peers) or len(peers) < 2:
+        raise InputError(f"peers = {peers}: two or more different stations are needed")

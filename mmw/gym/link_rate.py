@@ -8,6 +8,7 @@ import numpy as np
 from mmw.channel.antennas.array_response import apply_arrays
 from mmw.channel.antennas.arrays import PlanarArray, ula
 from mmw.channel.codebook import dft_codebook
+from mmw.channel.path_table import CarrierPaths
 from mmw.channel.radio_map.radio_map import BOLTZMANN
 from mmw.channel.response import frequency_response, subcarrier_frequencies
 from mmw.core.errors import InputError
@@ -80,7 +81,17 @@ class RadioLink:
             )
         own = paths.take([pairs.index((agent, peer)) for peer in peers])
         turns = [quaternion_to_matrix(frame.agents[name].pose[3:]) for name in (*peers, agent)]
-        ends = self.tx_array, ula(1), self.carrier_hz, np.stack(turns[:-1]), np.stack(turns[-1:] * len(peers))
+        return self.snr_of(own, np.stack(turns[:-1]), np.stack(turns[-1:] * len(peers)))
+
+    def snr_of(self, own: CarrierPaths, tx_turns: np.ndarray, rx_turns: np.ndarray) -> np.ndarray:
+        """Return the SNR of every beam of some links at every subcarrier, shape [links, beams, subcarriers].
+
+        Args:
+            own: Paths of the links at the carrier.
+            tx_turns: Rotation of each transmitter from its own to the world frame, shape [links, 3, 3].
+            rx_turns: That of each receiver, shape [links, 3, 3].
+        """
+        ends = self.tx_array, ula(1), self.carrier_hz, tx_turns, rx_turns
         spacing = self.bandwidth_hz / self.subcarriers
         frequencies = subcarrier_frequencies(self.subcarriers, spacing)
         h = frequency_response(apply_arrays(own, *ends), own, frequencies, self.carrier_hz, normalize_delays=True)

@@ -1,6 +1,6 @@
 """Hold what the environments share: a live simulation, its episodes, and where a vehicle is seen from a station."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 import gymnasium
@@ -54,18 +54,7 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
         state: Mapping[str, spaces.Space[Any]],
     ) -> None:
         """Make the simulation; arguments as of the environments, and `state`, the spaces of their last decision."""
-        if frames_per_step < 1 or max_start < 0:
-            raise InputError(
-                f"frames_per_step = {frames_per_step}, max_start = {max_start}; at least 1 and 0 are needed"
-            )
         self._simulation = Simulation(load_config(config, overrides), mode="live", device=device)
-        if len(self._simulation.frames) <= (max_start + 1) * frames_per_step:
-            count = len(self._simulation.frames)
-            self._simulation.close()
-            raise InputError(
-                f"frames.count: {count} live frames; an episode that begins up to {max_start} steps of "
-                f"{frames_per_step} frames late needs more; raise it or lower max_start"
-            )
         self.agent, self.peers = agent, peers
         self._stride, self._max_start = frames_per_step, max_start
         self._extra, self._drive = dict(extra or {}), drive
@@ -77,21 +66,12 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
             "velocity": velocity_space(),
         }
         try:
-            self._check_agents()
-            for name in self._extra:
-                if name in own:
-                    raise InputError(
-                        f"extra = {name!r}: the environment has an observation of this name; choose another"
-                    )
+            check_episodes(self._simulation.frames, frames_per_step, max_start)
+            check_names(self.frame, (agent, *peers), self._extra, own)
         except InputError:
             self._simulation.close()
             raise
         self.observation_space = spaces.Dict({**own, **{name: space for name, (space, _) in self._extra.items()}})
-
-    def _check_agents(self) -> None:
-        for name in (self.agent, *self.peers):
-            if name not in self.frame.agents:
-                raise InputError(f"agent {name!r}: there are {', '.join(self.frame.agents)}; name one of them")
 
     @property
     def simulation(self) -> Simulation:
@@ -101,9 +81,7 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
     def _start(self, seed: int | None, options: Mapping[str, Any] | None) -> None:
         """Begin an episode at a random frame."""
         super().reset(seed=seed)
-        unknown = [name for name in options or {} if name != "traffic_seed"]
-        if unknown:
-            raise InputError(f"options = {dict(options or {})}: {unknown[0]} is not known; there is traffic_seed")
+        check_options(options, ("traffic_seed",))
         traffic = (options or {}).get("traffic_seed")
         self.frame = self._simulation.reset(traffic)
         for _ in range(int(self.np_random.integers(self._max_start + 1)) * self._stride):
@@ -126,6 +104,46 @@ class LiveEnv(gymnasium.Env[dict[str, Any], np.int64]):
     def close(self) -> None:
         """Free the device."""
         self._simulation.close()
+
+
+def check_episodes(frames: range, frames_per_step: int, max_start: int) -> None:
+    """Check that the live frames of an episode are enough.
+
+    Raises:
+        InputError: If they are not.
+    """
+    if frames_per_step < 1 or max_start < 0:
+        raise InputError(f"frames_per_step = {frames_per_step}, max_start = {max_start}; at least 1 and 0 are needed")
+    if len(frames) <= (max_start + 1) * frames_per_step:
+        raise InputError(
+            f"frames.count: {len(frames)} live frames; an episode that begins up to {max_start} steps of "
+            f"{frames_per_step} frames late needs more; raise it or lower max_start"
+        )
+
+
+def check_names(frame: Frame, agents: Iterable[str], extra: Iterable[str], own: Collection[str]) -> None:
+    """Check that the agents are in a frame, and that further observations have names of their own.
+
+    Raises:
+        InputError: If they are not, or have not.
+    """
+    for name in agents:
+        if name not in frame.agents:
+            raise InputError(f"agent {name!r}: there are {', '.join(frame.agents)}; name one of them")
+    for name in extra:
+        if name in own:
+            raise InputError(f"extra = {name!r}: the environment has an observation of this name; choose another")
+
+
+def check_options(options: Mapping[str, Any] | None, known: Collection[str]) -> None:
+    """Check the names of the options of `reset`.
+
+    Raises:
+        InputError: If one is not known.
+    """
+    for name in options or {}:
+        if name not in known:
+            raise InputError(f"options = {dict(options or {})}: {name} is not known; there is {' and '.join(known)}")
 
 
 def motion_from(frame: Frame, agent: str, peer: str) -> dict[str, np.ndarray]:
