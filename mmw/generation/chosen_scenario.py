@@ -13,7 +13,7 @@ from mmw.generation.estimate import check_inputs
 
 @dataclass(frozen=True)
 class ChosenScenario:
-    """What a simulation is made of."""
+    """Configuration, scenario, weather and device of a simulation."""
 
     config: Config
     scenario: ScenarioConfig
@@ -21,7 +21,7 @@ class ChosenScenario:
     base: Path
     """Folder that relative paths of input files start from."""
     place: Path | str
-    """Where the configuration is, for messages."""
+    """Place of the configuration, for messages."""
     device: str
     """Warp device."""
 

@@ -122,7 +122,7 @@ class BeamTracking(LiveEnv):
 
 
 class Served(NamedTuple):
-    """What beams give in W worlds."""
+    """SNR and spectral efficiency of beams in W worlds."""
 
     snr_db: np.ndarray
     """SNR of the beam that serves [dB], shape [W, 1], float32."""

@@ -33,7 +33,7 @@ Rows = dict[str, pa.Table]
 
 @dataclass(frozen=True)
 class Worlds:
-    """What the worlds of a simulation have in common."""
+    """Town, weather and names that the worlds of a simulation have in common."""
 
     world: World
     weather: str
