@@ -45,7 +45,7 @@ class Episode:
         self._rows: list[np.ndarray] = []
         self._turn: np.ndarray | None = None
         self._next = 0
-        self._advance()
+        self.traffic.advance(first + 2)
 
     def step(self, controls: Mapping[str, Control | None]) -> int:
         """Go to the next frame, and return its number; controls hold until the next ones.
@@ -55,31 +55,37 @@ class Episode:
         """
         self.traffic.command(controls)
         self.frame += 1
-        self._advance()
+        self.traffic.advance(self.frame + 2)
         return self.frame
 
-    def _advance(self) -> None:
-        """Make the rows up to the frame after the present one, as the stage of a saved episode will give them."""
-        self.traffic.advance(self.frame + 2)
-        while self._next < self.frame + 2:
-            poses = self.traffic.poses[self._next][self._source]
-            turn = normalize(poses[:, 3:])
-            self._turn = continuous(np.stack([turn if self._turn is None else self._turn, turn]))[1]
-            if self._next >= self.first - 1:
-                row = self._still.copy()
-                row[self._column] = poses_read_back(np.concatenate([poses[:, :3], self._turn], axis=1))
-                if self._rows:
-                    row[:, 3:] = continuous(np.stack([self._rows[-1][:, 3:], row[:, 3:]]))[1]
-                self._rows.append(row)
-            self._next += 1
+    def _catch_up(self, frame: int) -> None:
+        """Make the rows up to the frame after one, as the stage of a saved episode will give them.
+
+        They are made when a frame is looked at, all at once since the last such frame.
+        """
+        if self._next >= frame + 2:
+            return
+        poses = self.traffic.poses[self._next : frame + 2, self._source]
+        turns = normalize(poses[..., 3:])
+        turns = continuous(turns if self._turn is None else np.concatenate([self._turn[None], turns]))[-len(poses) :]
+        poses, self._turn = np.concatenate([poses[..., :3], turns], axis=-1), turns[-1]
+        seen = poses[max(self.first - 1 - self._next, 0) :]
+        rows = np.repeat(self._still[None], len(seen), axis=0)
+        rows[:, self._column] = poses_read_back(seen.reshape(-1, 7)).reshape(seen.shape)
+        before = [self._rows[-1][:, 3:]] if self._rows else []
+        rows[..., 3:] = continuous(np.stack([*before, *rows[..., 3:]]))[-len(rows) :] if len(rows) else rows[..., 3:]
+        self._rows += list(rows)
+        self._next = frame + 2
 
     def poses_around(self, frame: int, reach: int) -> np.ndarray:
         """Return poses of all actors of the scene in the frames about one, shape [2 reach + 1, V, 7]."""
+        self._catch_up(frame + reach - 1)
         middle = frame - self.first + 1
         return np.stack(self._rows[middle - reach : middle + reach + 1])
 
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""
+        self._catch_up(frame)
         start = max(frame - BEFORE, self.first - 1)
         own = self._rows[start - self.first + 1 : frame - self.first + 3]
         return replace(self._data, frames=range(start, frame + 2), poses=np.stack(own))

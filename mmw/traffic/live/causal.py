@@ -104,16 +104,24 @@ class LeaningBodies:
         self._before: list[np.ndarray] = []
 
     def poses(self, columns: np.ndarray) -> np.ndarray:
-        """Return the poses of one more row, shape [V, 7].
+        """Return the poses of the next rows, shape [n, V, 7].
 
         Args:
-            columns: Middle x, y, heading, height [m, m, rad, m], slopes forward and to the left, shape [V, 6].
+            columns: Middle x, y, heading, height [m, m, rad, m], slopes forward and to the left, shape [n, V, 6].
         """
-        x, y, heading, height, slope_x, slope_y = columns.T
-        self._before = [*self._before[-2:], np.stack([x, y], axis=1)]
-        if len(self._before) == 3:
-            lean = self._lean.take((self._before[2] - 2 * self._before[1] + self._before[0]) / FRAME_DT**2)
-            c, s = np.cos(heading), np.sin(heading)
-            slope_x = slope_x + self._lift[:, 0] * (lean[:, 0] * c + lean[:, 1] * s)
-            slope_y = slope_y + self._lift[:, 1] * (lean[:, 1] * c - lean[:, 0] * s)
-        return tilted_poses(x, y, height, heading, slope_x, slope_y)
+        x, y, heading, height, slope_x, slope_y = np.moveaxis(columns, 2, 0)
+        lean = self._leans(np.stack([x, y], axis=2))
+        c, s = np.cos(heading), np.sin(heading)
+        slope_x = slope_x + self._lift[:, 0] * (lean[..., 0] * c + lean[..., 1] * s)
+        slope_y = slope_y + self._lift[:, 1] * (lean[..., 1] * c - lean[..., 0] * s)
+        flat = (values.reshape(-1) for values in (x, y, height, heading, slope_x, slope_y))
+        return tilted_poses(*flat).reshape(*x.shape, 7)
+
+    def _leans(self, places: np.ndarray) -> np.ndarray:
+        """Return the acceleration that leans each body in rows of places, shape [n, V, 2] both [m], [m/s^2]."""
+        known = [*self._before, *places]
+        self._before = known[-2:]
+        leans = [np.zeros_like(places[0])] * (len(places) - max(len(known) - 2, 0))
+        for before, here, after in zip(known, known[1:], known[2:], strict=False):
+            leans.append(self._lean.take((after - 2 * here + before) / FRAME_DT**2).copy())
+        return np.stack(leans)

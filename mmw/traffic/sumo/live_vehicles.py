@@ -128,7 +128,7 @@ class SumoVehicles:
         self._dropped = first
         some = np.array(self._columns[: len(weights)])
         middle = some[len(weights) // 2]
-        return self._leaning.poses(middle + np.tensordot(weights, some - middle, axes=1))
+        return self._leaning.poses((middle + np.tensordot(weights, some - middle, axes=1))[None])[0]
 
     def _step(self, bodies: Sequence[Body]) -> None:
         calls = [*self._calls, *self._obstacle_calls(bodies)]
