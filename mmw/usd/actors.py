@@ -181,10 +181,11 @@ def poses_read_back(poses: np.ndarray) -> np.ndarray:
     out = np.full(poses.shape, np.nan)
     there = np.flatnonzero(np.isfinite(poses).all(axis=1))
     matrices = np.empty((len(there), 4, 4))
-    for row, (x, y, z, qx, qy, qz, qw) in enumerate(poses[there].tolist()):
-        matrix = Gf.Matrix4d(1.0).SetRotate(Gf.Rotation(Gf.Quatd(qw, qx, qy, qz)))  # as UsdGeomXformOp does
-        matrices[row] = matrix.SetTranslateOnly(Gf.Vec3d(x, y, z))
-    out[there, :3] = matrices[:, 3, :3]
+    matrix, quaternion = Gf.Matrix4d(1.0), Gf.Quatd(1.0)  # to make them costs more than to change them
+    for row, (qx, qy, qz, qw) in enumerate(poses[there, 3:].tolist()):
+        quaternion.real, quaternion.imaginary = qw, (qx, qy, qz)
+        matrices[row] = matrix.SetRotate(Gf.Rotation(quaternion))  # as UsdGeomXformOp does
+    out[there, :3] = poses[there, :3]
     rigid = _orthonormal(matrices[None, :, :3, :3], [])[0]
     out[there, 3:] = quaternion_from_matrix(np.swapaxes(rigid, -1, -2))
     return out

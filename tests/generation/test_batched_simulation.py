@@ -1,9 +1,11 @@
 """Worlds stepped together: the rows of simulations of their own, bit for bit, and calls that are refused as a whole."""
 
+import gc
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 import mmw
@@ -153,3 +155,41 @@ def test_closed_simulation_is_refused_and_another_on_the_device_goes_on(config: 
 def test_number_of_worlds_is_checked(config: mmw.Config, worlds: int) -> None:
     with pytest.raises(InputError, match="whole number from 1"):
         mmw.BatchedSimulation(config, worlds, device="cpu")
+
+
+@pytest.mark.slow
+def test_memory_stays_flat_over_steps(config: mmw.Config) -> None:
+    """An episode keeps the poses of its frames for `save`, a few kilobytes a frame and world; frames are let go."""
+    own = config.model_copy(
+        update={"sensors": config.sensors[:1], "frames": config.frames.model_copy(update={"count": 230})}
+    )
+    with mmw.BatchedSimulation(own, 2, device="cpu") as simulation:
+        counts, sizes = [], []
+        for _ in range(2):
+            for _ in range(100):
+                simulation.step([SLOW, {}])
+                assert simulation.table("lidar").num_rows and simulation.table("links").num_rows
+            gc.collect()
+            counts.append(len(gc.get_objects()))
+            sizes.append(psutil.Process().memory_info().rss)
+    assert counts[1] - counts[0] < 1000  # plans of vehicles that change lanes; a kept frame has some 60 objects
+    assert sizes[1] - sizes[0] < 40e6
+
+
+@pytest.mark.slow
+def test_seed_of_the_scene_keeps_the_town_of_a_live_simulation(config: mmw.Config) -> None:
+    """The stage is written once; the vehicles of another seed are those of a simulation that began with it."""
+    own = config.model_copy(update={"sensors": (), "scene_seed": 42})
+    with mmw.Simulation(own, mode="live", device="cpu") as simulation:
+        objects = simulation.static_tables["objects"]
+        poses = simulation.reset(7).data.read("poses")
+        assert simulation.static_tables["objects"] is objects
+        assert simulation.reset(42).data.read("poses") != poses and simulation.reset(7).row["seed"] == 7
+    with mmw.Simulation(own.model_copy(update={"seed": 7}), mode="live", device="cpu") as other:
+        assert other.static_tables["objects"] == objects
+        assert other.reset().data.read("poses") == poses
+
+
+def test_seed_of_the_scene_needs_the_engine_idm() -> None:
+    with pytest.raises(InputError, match=r"scene_seed.*gives vehicles of the engine idm"):
+        mmw.load_config("quickstart", ["scene_seed=1", "scenarios.town03_roundabout.traffic.engine=sumo"])

@@ -1,6 +1,6 @@
 """One run of live traffic in a town: what was driven so far, as the scene's arrays at any of its frames."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -58,34 +58,50 @@ class Episode:
         self.traffic.advance(self.frame + 2)
         return self.frame
 
-    def _catch_up(self, frame: int) -> None:
-        """Make the rows up to the frame after one, as the stage of a saved episode will give them.
-
-        They are made when a frame is looked at, all at once since the last such frame.
-        """
+    def _due(self, frame: int) -> np.ndarray:
+        """Return the poses of the traffic up to the frame after one, without those that have rows, shape [n, V, 7]."""
         if self._next >= frame + 2:
-            return
+            return np.zeros((0, len(self._source), 7))
         poses = self.traffic.poses[self._next : frame + 2, self._source]
         turns = normalize(poses[..., 3:])
         turns = continuous(turns if self._turn is None else np.concatenate([self._turn[None], turns]))[-len(poses) :]
         poses, self._turn = np.concatenate([poses[..., :3], turns], axis=-1), turns[-1]
         seen = poses[max(self.first - 1 - self._next, 0) :]
-        rows = np.repeat(self._still[None], len(seen), axis=0)
-        rows[:, self._column] = poses_read_back(seen.reshape(-1, 7)).reshape(seen.shape)
-        before = [self._rows[-1][:, 3:]] if self._rows else []
-        rows[..., 3:] = continuous(np.stack([*before, *rows[..., 3:]]))[-len(rows) :] if len(rows) else rows[..., 3:]
-        self._rows += list(rows)
         self._next = frame + 2
+        return seen
+
+    def _keep(self, poses: np.ndarray) -> None:
+        """Keep rows with poses of the traffic, shape [n, V, 7]."""
+        if not len(poses):
+            return
+        rows = np.repeat(self._still[None], len(poses), axis=0)
+        rows[:, self._column] = poses
+        before = [self._rows[-1][:, 3:]] if self._rows else []
+        rows[..., 3:] = continuous(np.stack([*before, *rows[..., 3:]]))[-len(rows) :]
+        self._rows += list(rows)
 
     def poses_around(self, frame: int, reach: int) -> np.ndarray:
         """Return poses of all actors of the scene in the frames about one, shape [2 reach + 1, V, 7]."""
-        self._catch_up(frame + reach - 1)
+        catch_up([(self, frame + reach - 1)])
         middle = frame - self.first + 1
         return np.stack(self._rows[middle - reach : middle + reach + 1])
 
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""
-        self._catch_up(frame)
+        catch_up([(self, frame)])
         start = max(frame - BEFORE, self.first - 1)
         own = self._rows[start - self.first + 1 : frame - self.first + 3]
         return replace(self._data, frames=range(start, frame + 2), poses=np.stack(own))
+
+
+def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
+    """Make the rows of episodes up to the frame after one, as the stage of a saved episode will give them.
+
+    They are made when a frame is looked at, all at once since the last such frame, and of all episodes at once.
+    """
+    due = [episode._due(frame) for episode, frame in moments]
+    if any(map(len, due)):
+        whole = poses_read_back(np.concatenate([poses.reshape(-1, 7) for poses in due]))
+        ends = np.cumsum([poses.shape[0] * poses.shape[1] for poses in due])
+        for (episode, _), poses, own in zip(moments, due, np.split(whole, ends[:-1]), strict=True):
+            episode._keep(own.reshape(poses.shape))

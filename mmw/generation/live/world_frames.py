@@ -13,7 +13,7 @@ from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
 from mmw.core.errors import InputError, is_out_of_memory
 from mmw.core.kinematics import differentiate
-from mmw.generation.live.episode import Episode
+from mmw.generation.live.episode import Episode, catch_up
 from mmw.generation.live.frame_tables import FrameTables, LiveFrame
 from mmw.generation.live.live_run import World
 from mmw.generation.pipeline import join_batches
@@ -159,10 +159,11 @@ class WorldFrames:
 
     @cached_property
     def _arrays(self) -> WorldBatch:
-        episodes, numbers = zip(*self._moments, strict=True)
+        catch_up(self._moments)
+        numbers = [number for _, number in self._moments]
         around = [episode.poses_around(number, NEIGHBORS) for episode, number in self._moments]
         data = self._worlds.world.batch.arrays
-        return WorldBatch.of(data, around, numbers, [episode.seed for episode in episodes])
+        return WorldBatch.of(data, around, numbers, [episode.seed for episode, _ in self._moments])
 
     @cached_property
     def _whole(self) -> Batch:
