@@ -79,11 +79,12 @@ class BatchedSimulation:
         """Name of the weather."""
         self.device = chosen.device
         """Warp device that traces."""
-        self._run = LiveRun(
+        run = LiveRun(
             chosen.config, chosen.scenario, chosen.weather, chosen.base, chosen.place, chosen.device, max_frames=worlds
         )
-        self.frames = self._run.frames
+        self.frames = run.frames
         """Numbers of the frames that an episode can have."""
+        self._run = run
         self._name = f"batched simulation of {self.scenario}"
         self._episodes: list[Episode] = []
         self._present: WorldFrames | None = None
