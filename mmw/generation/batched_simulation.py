@@ -8,7 +8,7 @@ from operator import index
 import pyarrow as pa
 
 from mmw.channel.path_table import CarrierPaths
-from mmw.config.load import Source
+from mmw.config.load import Source, in_config
 from mmw.core.errors import InputError
 from mmw.dataset import Dataset
 from mmw.dataset.frame import Frame
@@ -71,6 +71,13 @@ class BatchedSimulation:
         if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
             raise InputError(f"worlds = {worlds!r}; a whole number from 1 is needed")
         chosen = choose_scenario(config, scenario, weather, base, device)
+        engine = chosen.scenario.traffic.engine if chosen.scenario.traffic else None
+        if engine not in (None, "idm"):
+            with in_config(chosen.place):
+                raise InputError(
+                    f"scenario {chosen.scenario.name!r}: traffic.engine = {engine!r}: worlds are stepped together by "
+                    "the engine idm alone; change engine, or step one simulation"
+                )
         self.config = chosen.config
         """The configuration, validated."""
         self.scenario = chosen.scenario.name

@@ -193,3 +193,9 @@ def test_seed_of_the_scene_keeps_the_town_of_a_live_simulation(config: mmw.Confi
 def test_seed_of_the_scene_needs_the_engine_idm() -> None:
     with pytest.raises(InputError, match=r"scene_seed.*gives vehicles of the engine idm"):
         mmw.load_config("quickstart", ["scene_seed=1", "scenarios.town03_roundabout.traffic.engine=sumo"])
+
+
+def test_worlds_need_the_engine_idm() -> None:
+    config = mmw.load_config("quickstart", ["scenarios.town03_roundabout.traffic.engine=sumo"])
+    with pytest.raises(InputError, match=r"traffic.engine = 'sumo': .*the engine idm alone"):
+        mmw.BatchedSimulation(config, 2, device="cpu")

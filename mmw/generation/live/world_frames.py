@@ -1,34 +1,34 @@
 """Frames of several worlds at one moment: what is looked at in one is traced for all in one launch."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
-import numpy as np
 import pyarrow as pa
 
 from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
 from mmw.core.errors import InputError, is_out_of_memory
 from mmw.core.kinematics import differentiate
+from mmw.core.later import start_all
 from mmw.generation.live.episode import Episode, catch_up
-from mmw.generation.live.frame_tables import FrameTables, LiveFrame
+from mmw.generation.live.frame_tables import FrameTables, LiveFrame, Maker, Rows, capture_makers
 from mmw.generation.live.live_run import World
+from mmw.generation.live.world_rows import WorldRows
 from mmw.generation.pipeline import join_batches
 from mmw.scene.world_batch import NEIGHBORS, WorldBatch
 from mmw.sensors.batch import Batch, TableRows
-from mmw.storage.arrow_tables import normalize_names, sort_rows
 from mmw.storage.parquet_schema import arrow_schema
-from mmw.storage.schemas import table_spec
 
 TOGETHER = frozenset({"lidar", "depth", "rgb", "radar"})
 """Types of sensors that are traced for all worlds at once. The samples of others may depend on earlier frames, such as
 those of an IMU; they are made world by world."""
 
-Maker = tuple[str, ...]
-Rows = dict[str, pa.Table]
+Traced = Mapping[str, list[WorldRows]]
+"""Table -> parts of the rows of all worlds."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ class WorldFrames:
         """
         self._worlds = worlds
         self._moments = [(episode, episode.frame) for episode in episodes]
-        self._made: dict[tuple[Maker, str | None], Rows] = {}
+        self._made: dict[tuple[frozenset[Maker], str | None], Traced] = {}
+        self._tables: dict[str, pa.Table] = {}
         self.frames: list[LiveFrame] = [self._frame(index) for index in range(len(episodes))]
         """The frame of every world."""
 
@@ -74,7 +75,7 @@ class WorldFrames:
 
         tables = WorldTables(
             f"{worlds.name}, world {index}", worlds.scenario, worlds.weather, number, worlds.world.static, load,
-            worlds.world.config,
+            worlds.world.makers,
         )  # fmt: skip
         tables.share(self, index)
         return LiveFrame(tables, worlds.scenario, worlds.weather, number)
@@ -83,10 +84,14 @@ class WorldFrames:
         """Return whether a maker of rows works for all worlds at once."""
         return maker in self._worlds.together
 
-    def rows_of(self, index: int, maker: Maker, agent: str | None) -> Rows:
-        """Return the rows of one world that a maker makes, of one agent's sensors or of all."""
-        number = self._moments[index][1]
-        return {name: _of_world(table, index, number) for name, table in self._rows(maker, agent).items()}
+    def rows_of(self, index: int, makers: Collection[Maker], agent: str | None) -> dict[str, list[Any]]:
+        """Return the columns of one world that some makers make, of one agent's sensors or of all."""
+        number, pool = self._moments[index][1], self._worlds.world.batch.pool
+        found: dict[str, list[Any]] = defaultdict(list)
+        for made in self._rows(makers, agent):
+            for name, parts in made.items():
+                found[name] += [part.part_of(index, number, pool) for part in parts if index in part.worlds]
+        return found
 
     def table(self, name: str) -> pa.Table:
         """Return the rows of a table of all worlds; column `frame` counts the worlds.
@@ -94,21 +99,22 @@ class WorldFrames:
         Raises:
             InputError: If there is no such table, or it is made world by world.
         """
-        tables = self.frames[0].data
-        makers = tables.makers_of(name) if isinstance(tables, WorldTables) else []
-        if not makers:
-            raise InputError(f"{self._worlds.name}: has no table {name!r} of frames")
-        for maker in makers:
-            if not self.can_make(maker):
-                raise InputError(
-                    f"{self._worlds.name}: table {name!r} has sensor {maker[1]!r}, which is made world by world; read "
-                    "it from the frames"
-                )
-        parts = [self._rows(maker, None)[name] for maker in makers if name in self._rows(maker, None)]
-        if not parts:
-            return arrow_schema(name).empty_table()
-        whole = pa.concat_tables(parts).unify_dictionaries().combine_chunks()
-        return parts[0] if len(parts) == 1 else sort_rows(table_spec(name), whole)
+        if name not in self._tables:
+            makers = self._worlds.world.makers.get(name, [])
+            if not makers:
+                raise InputError(f"{self._worlds.name}: has no table {name!r} of frames")
+            for maker in makers:
+                if not self.can_make(maker):
+                    raise InputError(
+                        f"{self._worlds.name}: table {name!r} has sensor {maker[1]!r}, which is made world by world; "
+                        "read it from the frames"
+                    )
+            parts = [part.part for made in self._rows(makers, None) for part in made.get(name, [])]
+            start_all(parts)
+            worlds = self._worlds
+            whole = join_batches(name, worlds.scenario, worlds.weather, parts) if parts else _empty(name)
+            self._tables[name] = whole
+        return self._tables[name]
 
     def paths(self, carrier_hz: float) -> CarrierPaths:
         """Return the paths of the links of all worlds at a carrier [Hz]; `frame` of their keys counts the worlds.
@@ -116,21 +122,29 @@ class WorldFrames:
         Raises:
             InputError: If there are no paths at this carrier.
         """
-        made = self._rows(("channel",), None)
+        has_channel = "path_gains" in self._worlds.world.makers
         names = ("links", "path_gains", "path_geometry")
-        links, gains, geometry = (made.get(name, arrow_schema(name).empty_table()) for name in names)
+        links, gains, geometry = (self.table(name) if has_channel else _empty(name) for name in names)
         return CarrierPaths.from_table(join_paths(gains, geometry), carrier_hz, links)
 
-    def _rows(self, maker: Maker, agent: str | None) -> Rows:
-        key = maker, agent
-        if key not in self._made:
-            self._made[key] = self._made[maker, None] if (maker, None) in self._made else self._trace(maker, agent)
-        return self._made[key]
+    def _rows(self, makers: Collection[Maker], agent: str | None) -> list[Traced]:
+        """Return what some makers make, traced once: sensors together, since cameras share their rays."""
+        sensors = frozenset(maker for maker in makers if maker[0] == "sensor")
+        others = [frozenset([maker]) for maker in dict.fromkeys(makers) if maker[0] != "sensor"]
+        return [self._once(some, agent) for some in (*others, *([sensors] if sensors else []))]
 
-    def _trace(self, maker: Maker, agent: str | None) -> Rows:
+    def _once(self, makers: frozenset[Maker], agent: str | None) -> Traced:
+        for (others, whose), made in tuple(self._made.items()):
+            # Rows of other sensors and agents do no harm where those of one are looked for.
+            if whose in (None, agent) and (makers == others or (agent is not None and makers < others)):
+                return made
+        self._made[makers, agent] = self._trace(makers, agent)
+        return self._made[makers, agent]
+
+    def _trace(self, makers: Collection[Maker], agent: str | None) -> Traced:
         """Trace all worlds, in one launch if the memory is enough; `frame` of the rows counts the worlds."""
         world, step = self._worlds.world, len(self._moments)
-        rows: TableRows = {self._worlds.weather: defaultdict(list)}
+        rows: dict[str, list[WorldRows]] = defaultdict(list)
         with world.lock:
             world.check_open(self._worlds.name)
             batch, first = self._batch(agent), 0
@@ -139,23 +153,17 @@ class WorldFrames:
                 found: TableRows = {self._worlds.weather: defaultdict(list)}
                 try:
                     self._load(batch, some)
-                    FrameTables.capture(batch, maker, some, found)
-                    made = {
-                        name: _joined(name, self._worlds, parts) for name, parts in found[self._worlds.weather].items()
-                    }
+                    capture_makers(batch, makers, some, found)
                 except (MemoryError, RuntimeError) as error:
                     if len(some) == 1 or not is_out_of_memory(error):
                         raise
                     step = len(some) // 2
                     self._worlds.report(f"memory is full with {len(some)} worlds a launch; going on with {step}")
                     continue
-                for name, table in made.items():
-                    rows[self._worlds.weather][name].append(table)
+                for name, parts in found[self._worlds.weather].items():
+                    rows[name] += [WorldRows(part, some) for part in parts]
                 first = some.stop
-        return {
-            name: pa.concat_tables(parts).unify_dictionaries().combine_chunks() if len(parts) > 1 else parts[0]
-            for name, parts in rows[self._worlds.weather].items()
-        }
+        return rows
 
     @cached_property
     def _arrays(self) -> WorldBatch:
@@ -181,7 +189,7 @@ class WorldFrames:
         if world.shown != (self, some.start, some.stop):
             world.shown = None
             if scene.arrays is not self._arrays:
-                scene.replace_arrays(self._arrays)
+                scene.replace_arrays(self._arrays, batch.motion)
             scene.load_batch(some)
             world.shown = self, some.start, some.stop
 
@@ -196,26 +204,15 @@ class WorldTables(FrameTables):
         """Take rows of `frames`, where this is the frame of world `index`."""
         self._frames, self._index = frames, index
 
-    def makers_of(self, table: str) -> Sequence[Maker]:
-        """Return what makes the rows of a table."""
-        return self._makers.get(table, [])
-
-    def _rows_of(self, maker: Maker, agent: str | None) -> Rows:
-        if not self._frames.can_make(maker):
-            return super()._rows_of(maker, agent)
-        made = self._frames.rows_of(self._index, maker, agent)
-        return {**self._missing(maker, made), **made}
-
-
-def _joined(name: str, worlds: Worlds, parts: Sequence[object]) -> pa.Table:
-    return normalize_names(join_batches(name, worlds.scenario, worlds.weather, parts))
+    def _capture(self, makers: Collection[Maker], agent: str | None) -> Rows:
+        together = [maker for maker in makers if self._frames.can_make(maker)]
+        alone = [maker for maker in makers if not self._frames.can_make(maker)]
+        found = self._frames.rows_of(self._index, together, agent)
+        if alone:
+            for name, parts in super()._capture(alone, agent).items():
+                found.setdefault(name, []).extend(parts)
+        return found
 
 
-def _of_world(table: pa.Table, index: int, number: int) -> pa.Table:
-    """Return the rows of a world with the number of its frame, from rows that are sorted by world."""
-    column = table.column_names.index("frame")
-    worlds = table.column(column).to_numpy()
-    start, stop = np.searchsorted(worlds, [index, index + 1])
-    own = table.slice(start, stop - start)
-    numbers = pa.array(np.full(stop - start, number), type=table.schema.field(column).type)
-    return normalize_names(own.set_column(column, table.schema.field(column), numbers))
+def _empty(name: str) -> pa.Table:
+    return arrow_schema(name).empty_table()
