@@ -60,6 +60,10 @@ def test_every_world_has_the_rows_of_a_simulation_of_its_own(config: mmw.Config,
                 other = alone.step(one)
             for name in (*frame.data.tables, "paths"):
                 assert frame.data.read(name) == other.data.read(name), (seed, name)
+            own_paths, other_paths = vars(frame.paths(28e9)), vars(other.paths(28e9))
+        for name, values in own_paths.items():
+            is_float = np.asarray(values).dtype.kind in "fc"
+            assert np.array_equal(values, other_paths[name], equal_nan=is_float), (seed, name)
         assert frame.row["seed"] == seed and len(frame.agents["cav_1"].sensor("lidar")) > 10
 
 

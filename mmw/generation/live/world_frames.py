@@ -5,17 +5,30 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
+import numpy as np
 import pyarrow as pa
 
+from mmw.channel.frame_paths import frame_paths, paths_of_frame
+from mmw.channel.links import Links
 from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
+from mmw.channel.paths import PathSet
 from mmw.core.errors import InputError, is_out_of_memory
 from mmw.core.kinematics import differentiate
 from mmw.core.later import start_all
+from mmw.generation.capture import channel_links, channel_rows, trace_channel
 from mmw.generation.live.episode import Episode, catch_up
-from mmw.generation.live.frame_tables import FrameTables, LiveFrame, Maker, Rows, capture_makers
+from mmw.generation.live.frame_tables import (
+    FrameTables,
+    LiveFrame,
+    Maker,
+    Rows,
+    actor_names,
+    antenna_names,
+    capture_makers,
+)
 from mmw.generation.live.live_run import World
 from mmw.generation.live.world_rows import WorldRows
 from mmw.generation.pipeline import join_batches
@@ -26,6 +39,8 @@ from mmw.storage.parquet_schema import arrow_schema
 TOGETHER = frozenset({"lidar", "depth", "rgb", "radar"})
 """Types of sensors that are traced for all worlds at once. The samples of others may depend on earlier frames, such as
 those of an IMU; they are made world by world."""
+
+T = TypeVar("T")
 
 Traced = Mapping[str, list[WorldRows]]
 """Table -> parts of the rows of all worlds."""
@@ -64,6 +79,7 @@ class WorldFrames:
         self._moments = [(episode, episode.frame) for episode in episodes]
         self._made: dict[tuple[frozenset[Maker], str | None], Traced] = {}
         self._tables: dict[str, pa.Table] = {}
+        self._carriers: dict[float, CarrierPaths | None] = {}
         self.frames: list[LiveFrame] = [self._frame(index) for index in range(len(episodes))]
         """The frame of every world."""
 
@@ -122,10 +138,50 @@ class WorldFrames:
         Raises:
             InputError: If there are no paths at this carrier.
         """
+        found = self._carrier(carrier_hz)
+        if found is not None:
+            return found
         has_channel = "path_gains" in self._worlds.world.makers
         names = ("links", "path_gains", "path_geometry")
         links, gains, geometry = (self.table(name) if has_channel else _empty(name) for name in names)
         return CarrierPaths.from_table(join_paths(gains, geometry), carrier_hz, links)
+
+    def paths_of(self, index: int, carrier_hz: float) -> CarrierPaths | None:
+        """Return the paths of one world at a carrier [Hz] without making tables; None if there are none."""
+        whole = self._carrier(carrier_hz)
+        if whole is None:
+            return None
+        carriers = len(self._channel[0][1][1].carriers_hz)
+        found = paths_of_frame(whole, index, self._moments[index][1], carriers)
+        return found if len(found) else None
+
+    def _carrier(self, carrier_hz: float) -> CarrierPaths | None:
+        """Return the paths of all worlds at a carrier [Hz]; None if there are none or memory has parted the worlds."""
+        if carrier_hz not in self._carriers:
+            world, found = self._worlds.world, None
+            solved = self._channel if "path_gains" in world.makers else []
+            if len(solved) == 1:
+                links, paths = solved[0][1]
+                carrier = np.flatnonzero(paths.carriers_hz == carrier_hz)
+                if len(paths) and len(carrier):
+                    names = actor_names(world.batch.arrays.actors), antenna_names(world.config)
+                    of = self._worlds.weather, int(carrier[0]), *names, self._worlds.scenario
+                    found = frame_paths(links, paths, *of)
+            self._carriers[carrier_hz] = found
+        return self._carriers[carrier_hz]
+
+    @cached_property
+    def _channel(self) -> list[tuple[range, tuple[Links, PathSet]]]:
+        """The worlds of every launch, their links, and the paths of these."""
+        surfaces = self._worlds.world.batch.surfaces
+        if surfaces is None:
+            return []
+
+        def solve(batch: Batch, some: range) -> tuple[Links, PathSet]:
+            links = channel_links(batch, some)
+            return links, trace_channel(batch, surfaces, links, [self._worlds.weather])
+
+        return self._launches(solve, None)
 
     def _rows(self, makers: Collection[Maker], agent: str | None) -> list[Traced]:
         """Return what some makers make, traced once: sensors together, since cameras share their rays."""
@@ -142,28 +198,49 @@ class WorldFrames:
         return self._made[makers, agent]
 
     def _trace(self, makers: Collection[Maker], agent: str | None) -> Traced:
-        """Trace all worlds, in one launch if the memory is enough; `frame` of the rows counts the worlds."""
-        world, step = self._worlds.world, len(self._moments)
+        """Return the rows of all worlds; their `frame` counts the worlds."""
+        weather = self._worlds.weather
+
+        def capture(batch: Batch, some: range) -> TableRows:
+            found: TableRows = {weather: defaultdict(list)}
+            capture_makers(batch, makers, some, found)
+            return found
+
+        if ("channel",) in makers:
+            launches = [(some, self._channel_rows(*solved)) for some, solved in self._channel]
+        else:
+            launches = self._launches(capture, agent)
         rows: dict[str, list[WorldRows]] = defaultdict(list)
+        for some, found in launches:
+            for name, parts in found[weather].items():
+                rows[name] += [WorldRows(part, some) for part in parts]
+        return rows
+
+    def _channel_rows(self, links: Links, paths: PathSet) -> TableRows:
+        found: TableRows = {self._worlds.weather: defaultdict(list)}
+        channel_rows(self._whole, links, paths, found)
+        return found
+
+    def _launches(self, make: Callable[[Batch, range], T], agent: str | None) -> list[tuple[range, T]]:
+        """Return what `make` makes of all worlds, in one launch if the memory is enough, and the worlds of each."""
+        world, step = self._worlds.world, len(self._moments)
+        made: list[tuple[range, T]] = []
         with world.lock:
             world.check_open(self._worlds.name)
             batch, first = self._batch(agent), 0
             while first < len(self._moments):
                 some = range(first, min(first + step, len(self._moments)))
-                found: TableRows = {self._worlds.weather: defaultdict(list)}
                 try:
                     self._load(batch, some)
-                    capture_makers(batch, makers, some, found)
+                    made.append((some, make(batch, some)))
                 except (MemoryError, RuntimeError) as error:
                     if len(some) == 1 or not is_out_of_memory(error):
                         raise
                     step = len(some) // 2
                     self._worlds.report(f"memory is full with {len(some)} worlds a launch; going on with {step}")
                     continue
-                for name, parts in found[self._worlds.weather].items():
-                    rows[name] += [WorldRows(part, some) for part in parts]
                 first = some.stop
-        return rows
+        return made
 
     @cached_property
     def _arrays(self) -> WorldBatch:
@@ -203,6 +280,10 @@ class WorldTables(FrameTables):
     def share(self, frames: WorldFrames, index: int) -> None:
         """Take rows of `frames`, where this is the frame of world `index`."""
         self._frames, self._index = frames, index
+
+    def paths(self, carrier_hz: float) -> CarrierPaths | None:
+        """Return the paths at a carrier without making tables; None if there are none."""
+        return self._frames.paths_of(self._index, carrier_hz)
 
     def _capture(self, makers: Collection[Maker], agent: str | None) -> Rows:
         together = [maker for maker in makers if self._frames.can_make(maker)]
