@@ -8,6 +8,7 @@ import numpy as np
 
 from mmw.config import TrafficConfig
 from mmw.core.errors import InputError
+from mmw.core.remember import remembered
 from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.model_choice import draw_models, of_model
 from mmw.traffic.polyline import sample_polyline
@@ -80,6 +81,7 @@ class SpawnPoint:
         return self.station - half - shape.rear, self.station + half + shape.front
 
 
+@remembered(size=8)
 def spawn_points(graph: LaneGraph, usable: frozenset[str]) -> list[SpawnPoint]:
     """Return points every 12 m along the usable lanes outside junctions, in order of lane name and station."""
     points: list[SpawnPoint] = []

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom
+from pxr import Gf, Usd, UsdGeom, Vt
 
 from mmw.core.errors import InputError
 from mmw.core.transforms import continuous, quaternion_from_matrix
@@ -180,11 +180,10 @@ def poses_read_back(poses: np.ndarray) -> np.ndarray:
     """
     out = np.full(poses.shape, np.nan)
     there = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    matrices = np.empty((len(there), 4, 4))
-    matrix, quaternion = Gf.Matrix4d(1.0), Gf.Quatd(1.0)  # to make them costs more than to change them
-    for row, (qx, qy, qz, qw) in enumerate(poses[there, 3:].tolist()):
-        quaternion.real, quaternion.imaginary = qw, (qx, qy, qz)
-        matrices[row] = matrix.SetRotate(Gf.Rotation(quaternion))  # as UsdGeomXformOp does
+    rotations = map(Gf.Rotation, Vt.QuatdArray.FromNumpy(np.ascontiguousarray(poses[there, 3:])))
+    origin = Gf.Vec3d(0.0)
+    # As UsdGeomXformOp does; one at a time takes twice as long.
+    matrices = np.array(Vt.Matrix4dArray([Gf.Matrix4d(rotation, origin) for rotation in rotations])).reshape(-1, 4, 4)
     out[there, :3] = poses[there, :3]
     rigid = _orthonormal(matrices[None, :, :3, :3], [])[0]
     out[there, 3:] = quaternion_from_matrix(np.swapaxes(rigid, -1, -2))

@@ -1,5 +1,6 @@
 """One run of live traffic in a town: what was driven so far, as the scene's arrays at any of its frames."""
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -45,6 +46,7 @@ class Episode:
         self._rows: list[np.ndarray] = []
         self._turn: np.ndarray | None = None
         self._next = 0
+        self._layout = first, id(data), self._column.tobytes(), self._source.tobytes()
         self.traffic.advance(first + 2)
 
     def step(self, controls: Mapping[str, Control | None]) -> int:
@@ -58,27 +60,9 @@ class Episode:
         self.traffic.advance(self.frame + 2)
         return self.frame
 
-    def _due(self, frame: int) -> np.ndarray:
-        """Return the poses of the traffic up to the frame after one, without those that have rows, shape [n, V, 7]."""
-        if self._next >= frame + 2:
-            return np.zeros((0, len(self._source), 7))
-        poses = self.traffic.poses[self._next : frame + 2, self._source]
-        turns = normalize(poses[..., 3:])
-        turns = continuous(turns if self._turn is None else np.concatenate([self._turn[None], turns]))[-len(poses) :]
-        poses, self._turn = np.concatenate([poses[..., :3], turns], axis=-1), turns[-1]
-        seen = poses[max(self.first - 1 - self._next, 0) :]
-        self._next = frame + 2
-        return seen
-
-    def _keep(self, poses: np.ndarray) -> None:
-        """Keep rows with poses of the traffic, shape [n, V, 7]."""
-        if not len(poses):
-            return
-        rows = np.repeat(self._still[None], len(poses), axis=0)
-        rows[:, self._column] = poses
-        before = [self._rows[-1][:, 3:]] if self._rows else []
-        rows[..., 3:] = continuous(np.stack([*before, *rows[..., 3:]]))[-len(rows) :]
-        self._rows += list(rows)
+    def _kind(self) -> tuple[object, ...]:
+        """Return what episodes have in common whose rows are made at once."""
+        return *self._layout, self._next, self._turn is None, not self._rows
 
     def poses_around(self, frame: int, reach: int) -> np.ndarray:
         """Return poses of all actors of the scene in the frames about one, shape [2 reach + 1, V, 7]."""
@@ -99,9 +83,29 @@ def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
 
     They are made when a frame is looked at, all at once since the last such frame, and of all episodes at once.
     """
-    due = [episode._due(frame) for episode, frame in moments]
-    if any(map(len, due)):
-        whole = poses_read_back(np.concatenate([poses.reshape(-1, 7) for poses in due]))
-        ends = np.cumsum([poses.shape[0] * poses.shape[1] for poses in due])
-        for (episode, _), poses, own in zip(moments, due, np.split(whole, ends[:-1]), strict=True):
-            episode._keep(own.reshape(poses.shape))
+    alike: dict[tuple[object, ...], list[Episode]] = defaultdict(list)
+    for episode, frame in moments:
+        if episode._next < frame + 2:
+            alike[*episode._kind(), frame].append(episode)
+    for (*_, frame), episodes in alike.items():
+        assert isinstance(frame, int)
+        _make_rows(episodes, frame + 2)
+
+
+def _make_rows(episodes: Sequence[Episode], stop: int) -> None:
+    """Make the rows of episodes of one kind; those before the frame before the first only turn quaternions."""
+    one = episodes[0]
+    start = one._next
+    poses = np.stack([episode.traffic.poses[start:stop, one._source] for episode in episodes], axis=1)
+    turns = normalize(poses[..., 3:])
+    if one._turn is not None:
+        turns = np.concatenate([np.stack([episode._turn for episode in episodes])[None], turns])
+    turns = continuous(turns)[-len(poses) :]
+    seen = np.concatenate([poses[..., :3], turns], axis=-1)[max(one.first - 1 - start, 0) :]
+    rows = np.tile(one._still, (*seen.shape[:2], 1, 1))
+    rows[:, :, one._column] = poses_read_back(seen.reshape(-1, 7)).reshape(seen.shape)
+    before = [np.stack([episode._rows[-1][:, 3:] for episode in episodes])] if one._rows else []
+    rows[..., 3:] = continuous(np.stack([*before, *rows[..., 3:]]))[len(before) :]
+    for index, episode in enumerate(episodes):
+        episode._turn, episode._next = turns[-1, index].copy(), stop
+        episode._rows += list(rows[:, index].copy())

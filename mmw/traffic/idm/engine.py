@@ -14,7 +14,7 @@ from mmw.traffic.idm.driver import (
     integrate,
     request_distance,
 )
-from mmw.traffic.idm.junctions import ConflictTable, Passage, Request, Reservation, grant_requests
+from mmw.traffic.idm.junctions import Passage, Request, Reservation, conflict_table, grant_requests
 from mmw.traffic.idm.lane_change import LaneChanges, Leader
 from mmw.traffic.idm.open_ends import Arrivals
 from mmw.traffic.idm.vehicle import ROOM, STOP_BRAKING, Car, OccupiedSpan, usable_length
@@ -60,7 +60,7 @@ class IdmEngine:
         self.plans = plans or {}
         self.start = start
         self.arrivals = arrivals
-        self.table = ConflictTable(graph)
+        self.table = conflict_table(graph)
         self.reservations: list[Reservation] = []
         self.leaders: list[Leader] = []
         self.time = 0.0

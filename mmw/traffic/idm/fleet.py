@@ -2,12 +2,15 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from weakref import WeakValueDictionary
 
 import numpy as np
 
+from mmw.core.remember import remembered
 from mmw.traffic.demand import TrafficDemand
-from mmw.traffic.idm.lane_change import CLEAR_SHARE, AdjacentLanes, DesiredChange
-from mmw.traffic.idm.open_ends import OpenNetwork
+from mmw.traffic.ground_height import Ground
+from mmw.traffic.idm.lane_change import CLEAR_SHARE, DesiredChange, adjacent_lanes
+from mmw.traffic.idm.open_ends import open_network
 from mmw.traffic.idm.vehicle import Car, Change, Plan, find_passages
 from mmw.traffic.model_choice import draw_models, draw_paint
 from mmw.traffic.roads.lane_graph import Lane
@@ -26,6 +29,15 @@ NOWHERE = "the lane leads nowhere"
 """Why no route begins on a lane from which no other lane or exit can be reached."""
 
 
+@remembered(size=4)
+def _driven(ground: Ground) -> WeakValueDictionary[tuple[object, ...], Stance]:
+    """Return the stances on a town's ground that some vehicle still has, by lanes, shape and station of the start.
+
+    An episode that starts anew, beside the one before, finds its own.
+    """
+    return WeakValueDictionary()
+
+
 class Fleet:
     """Puts vehicles on the road, each with a route that its body can drive."""
 
@@ -42,10 +54,10 @@ class Fleet:
         self.duration = duration
         self.may_leave = may_leave
         self.fastest = max(lane.speed for lane in graph.lanes.values())
-        self.network = OpenNetwork(graph)
+        self.network = open_network(graph)
         self.usable = self.network.usable
         self.places = Places(graph)
-        self.adjacent = AdjacentLanes(graph)
+        self.adjacent = adjacent_lanes(graph)
         self.closed: dict[tuple[str, str], str] = {}
         """(model, lane) pairs that the model cannot drive without leaving the road, and why."""
         self.closed_to_cavs: set[tuple[str, str]] = set()
@@ -92,10 +104,18 @@ class Fleet:
 
     def _find_route(self, start: Start, shape: Shape, elapsed: float) -> tuple[Stance | None, str]:
         need = self.fastest * max(0.0, self.duration - elapsed) + RUN_OUT
+        driven = _driven(self.demand.ground)
 
         def drive(lanes: list[Lane]) -> tuple[Stance | None, int, str]:
             station = start.point.station + 0.5 * shape.wheelbase
-            return self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
+            way = (*(lane.name for lane in lanes), shape, station)
+            known = driven.get(way)
+            if known is not None:
+                return known, 0, ""
+            found = self._drive(follow_line(join_lanes(lanes), shape), lanes, station)
+            if found[0] is not None:
+                driven[way] = found[0]
+            return found
 
         stay = 0.0
         if start.is_cav and self.stay:

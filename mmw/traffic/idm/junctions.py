@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mmw.core.remember import remembered
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.route import PATH_STEP, join_lanes
 from mmw.traffic.vehicle_pose import Shape, directions, follow_line
@@ -128,6 +129,12 @@ class ConflictTable:
             half = (0.5 * shape.length + END_MARGIN, shape.half_width + SIDE_MARGIN)
             self._sweeps[key] = Sweep(line.station[rows] - start, middle, heading, line.points[rows, 2], half)
         return self._sweeps[key]
+
+
+@remembered(size=4)
+def conflict_table(graph: LaneGraph) -> ConflictTable:
+    """Return the conflicts of a town, which all its scenarios share."""
+    return ConflictTable(graph)
 
 
 @dataclass

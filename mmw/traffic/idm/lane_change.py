@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mmw.core.remember import remembered
 from mmw.traffic.idm.driver import STANDSTILL_GAP, follow_leader, request_distance
 from mmw.traffic.idm.vehicle import ROOM, Car, OccupiedSpan, Plan
 from mmw.traffic.polyline import sample_polyline
@@ -134,6 +135,12 @@ class AdjacentLanes:
         ends = new.ends.tolist()
         begins = [*car.begins[: car.segment + 1], reached - float(there[-1]), *ends[car.segment + 1 : -1]]
         return new, begins
+
+
+@remembered(size=4)
+def adjacent_lanes(graph: LaneGraph) -> AdjacentLanes:
+    """Return the mapping of a town's lanes to those beside them, which all its scenarios share."""
+    return AdjacentLanes(graph)
 
 
 def _project(lane: Lane, other: Lane) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mmw.core.remember import remembered
 from mmw.traffic.idm.vehicle import Car
 from mmw.traffic.polyline import sample_polyline
 from mmw.traffic.roads.lane_graph import LaneGraph
@@ -79,6 +80,12 @@ class OpenNetwork:
     def time_left(self, point: SpawnPoint) -> float:
         """Return the time from a place to the last exit that can be reached from it [s]."""
         return self.time.get(point.lane, 0.0) - point.station / self.graph.lanes[point.lane].speed
+
+
+@remembered(size=4)
+def open_network(graph: LaneGraph) -> OpenNetwork:
+    """Return the open ends of a town, which all its scenarios share."""
+    return OpenNetwork(graph)
 
 
 def _edge_lanes(graph: LaneGraph, onward: dict[str, tuple[str, ...]]) -> frozenset[str]:

@@ -10,7 +10,7 @@ from mmw.traffic.idm.junctions import Reservation
 from mmw.traffic.idm.lane_change import Leader
 from mmw.traffic.idm.vehicle import STOP_BRAKING, STOP_SHORT, Car, OccupiedSpan
 from mmw.traffic.live.control import Control
-from mmw.traffic.live.obstacles import BlockedSpan, Body, LaneSamples
+from mmw.traffic.live.obstacles import BlockedSpan, Body, lane_samples
 
 TARGET_BRAKING = 3.0
 """Hardest deceleration towards a lower target speed [m/s^2]; design value."""
@@ -32,7 +32,7 @@ class LiveEngine(IdmEngine):
         self._blocked: dict[str, list[BlockedSpan]] = {}
         self._gap: dict[int, float] = {}
         super().__init__(*args)
-        self.samples = LaneSamples(self.graph)
+        self.samples = lane_samples(self.graph)
 
     def command(self, index: int, control: Control) -> None:
         """Take a control of a vehicle on its route from the next step on; an empty one gives it back to its driver."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mmw.core.remember import remembered
 from mmw.traffic.polyline import sample_polyline
 from mmw.traffic.roads.lane_graph import LaneGraph
 
@@ -79,3 +80,9 @@ class LaneSamples:
             station = self._station[own]
             found[self.names[index]] = BlockedSpan(float(station.min()), float(station.max()), max(0.0, speed))
         return found
+
+
+@remembered(size=4)
+def lane_samples(graph: LaneGraph) -> LaneSamples:
+    """Return the samples of a town's lanes, which all its scenarios share."""
+    return LaneSamples(graph)

@@ -13,7 +13,7 @@ from mmw.traffic.live.causal import ROWS_PER_STEP, LeaningBodies
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import TARGET_BRAKING
 from mmw.traffic.live.live_vehicles import Seen
-from mmw.traffic.live.obstacles import BlockedSpan, Body, LaneSamples
+from mmw.traffic.live.obstacles import BlockedSpan, Body, lane_samples
 from mmw.traffic.polyline import sample_polyline
 from mmw.traffic.sumo.bodies import REACH, PulledBodies, step_weights
 from mmw.traffic.sumo.fleet import OBSTACLE, SumoFleet, paint_of, start_sumo
@@ -59,7 +59,7 @@ class SumoVehicles:
         self.lane_changes: list[tuple[float, int, str, str]] = []
         self._lane_ids = {ours: lane for lane, ours in fleet.network.internal.items()}
         self._lane_number = {name: number for number, name in enumerate(self._graph.lanes)}
-        self._samples = LaneSamples(self._graph)
+        self._samples = lane_samples(self._graph)
         self._controls: dict[int, Control] = {}
         self._absent: set[int] = set()
         self._calls: list[Call] = []
