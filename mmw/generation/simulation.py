@@ -5,7 +5,7 @@ import os
 import tempfile
 import threading
 import weakref
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from operator import index
@@ -192,6 +192,35 @@ class Simulation:
                 simulation is closed. Traffic has not moved then.
         """
         return self._stepped("step").step(controls)
+
+    def remove(self, name: str) -> None:
+        """Take an actor out of live traffic: no sensor, link or other vehicle sees it until it is added again.
+
+        The frame after the present one is known already, for velocities; the actor is absent from the next one on.
+
+        Args:
+            name: A vehicle, pedestrian, cyclist or drone.
+
+        Raises:
+            InputError: If the mode is not live, there is no such actor, it is absent or stands still in the town, or
+                the simulation is closed. Nothing has changed then.
+        """
+        self._stepped("remove").remove(name)
+
+    def add(self, name: str, pose: Sequence[float]) -> None:
+        """Put a removed actor back into live traffic, two frames after the present one, as a pose of a `Control` is.
+
+        It stands still for four frames at least, and until a control (`pose`, or `steering_rad` of a vehicle) moves it.
+
+        Args:
+            name: An actor that was removed, at least one step before.
+            pose: Body to world (x, y, z, qx, qy, qz, qw), or (x, y, z, yaw), whatever is in its way.
+
+        Raises:
+            InputError: If the mode is not live, there is no such actor, it is there or stands still in the town, the
+                pose is not finite, or the simulation is closed. Nothing has changed then.
+        """
+        self._stepped("add").add(name, pose)
 
     @overload
     def save(

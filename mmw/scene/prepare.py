@@ -21,7 +21,7 @@ from mmw.scene.sources import scenario_source, weather_variants
 from mmw.scene.stage.asset_copies import asset_digests
 from mmw.scene.stage.compose import compose_scenario
 from mmw.scene.stage.unit_overlay import overlay_units
-from mmw.scene.stage_digests import ASSETS, STAGES, parse_digests
+from mmw.scene.stage_digests import ASSETS, STAGES, Spans, parse_digests
 from mmw.storage.atomic_files import write_bytes_atomically
 from mmw.storage.store import Store
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
@@ -117,6 +117,7 @@ def write_stage(
     tracks: Sequence[VehicleTrack],
     inputs: Mapping[str, str] | None = None,
     meta: Mapping[str, str] | None = None,
+    absent: Spans | None = None,
 ) -> Path:
     """Write the USD stage of a scenario in a town with these moving actors, and its hash; return its path.
 
@@ -128,6 +129,7 @@ def write_stage(
         tracks: Vehicles, people and drones; `pose_stride` poses a frame.
         inputs: Hashes of the scenario's input files.
         meta: Further facts that the stage tells.
+        absent: Actors that somebody took out, for `mmw verify`.
 
     Raises:
         InputError: If town or tracks cannot be used.
@@ -154,14 +156,17 @@ def write_stage(
         rate_hz=config.frame_rate_of(scenario),
     )
     note = root / STAGES / f"{scenario.name}.json"
-    _write_digests(note, path, root, str(scenario.town), dict(inputs or {}))
+    _write_digests(note, path, root, str(scenario.town), dict(inputs or {}), absent)
     return path
 
 
-def _write_digests(note: Path, stage: Path, root: Path, source: str, inputs: Mapping[str, str]) -> None:
+def _write_digests(
+    note: Path, stage: Path, root: Path, source: str, inputs: Mapping[str, str], absent: Spans | None = None
+) -> None:
     """Write the hashes of a stage, of the copies that it refers to and of its inputs, which `mmw verify` checks."""
     assets = dict(sorted(asset_digests(stage, root).items()))
     content = {"sha256": sha256(stage), "source": source, "assets": assets, "inputs": dict(sorted(inputs.items()))}
+    content |= {"absent": absent} if absent else {}
     write_bytes_atomically(note, json.dumps(content, indent=1).encode())
 
 

@@ -1,6 +1,7 @@
 """Name the folders of stages in a dataset, and read the hashes that are written beside a stage."""
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 STAGES = "stages"
@@ -8,6 +9,9 @@ STAGES = "stages"
 
 ASSETS = "assets"
 """Folder of the copies that they refer to."""
+
+Spans = Mapping[str, list[list[int]]]
+"""Actor -> first frame and one past the last of stretches of frames."""
 
 
 def parse_digests(data: bytes | None) -> dict[str, Any] | None:

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from mmw.core.transforms import continuous, normalize
+from mmw.core.errors import InputError
+from mmw.core.transforms import normalize
+from mmw.generation.live.quaternion_signs import QuaternionSigns
 from mmw.scene.scene_data import SceneData
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_traffic import LiveTraffic
@@ -44,7 +46,7 @@ class Episode:
         self._column, self._source = (np.array(side, dtype=np.int64) for side in zip(*pairs, strict=True))
         self._still = data.frame_poses[-1]
         self._rows: list[np.ndarray] = []
-        self._turn: np.ndarray | None = None
+        self._signs = QuaternionSigns(len(self._source))
         self._next = 0
         self._layout = first, id(data), self._column.tobytes(), self._source.tobytes()
         self.traffic.advance(first + 2)
@@ -60,9 +62,18 @@ class Episode:
         self.traffic.advance(self.frame + 2)
         return self.frame
 
+    def check_moving(self, call: str, name: str) -> None:
+        """Check that an actor is no part of the town.
+
+        Raises:
+            InputError: If it is; the message starts with the call.
+        """
+        if name not in self.traffic.names and any(actor.name == name for actor in self._data.actors):
+            raise InputError(f"{call} {name!r}: belongs to the town and stays; name an actor of the traffic")
+
     def _kind(self) -> tuple[object, ...]:
         """Return what episodes have in common whose rows are made at once."""
-        return *self._layout, self._next, self._turn is None, not self._rows
+        return *self._layout, self._next
 
     def poses_around(self, frame: int, reach: int) -> np.ndarray:
         """Return poses of all actors of the scene in the frames about one, shape [2 reach + 1, V, 7]."""
@@ -95,17 +106,16 @@ def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
 def _make_rows(episodes: Sequence[Episode], stop: int) -> None:
     """Make the rows of episodes of one kind; those before the frame before the first only turn quaternions."""
     one = episodes[0]
-    start = one._next
-    poses = np.stack([episode.traffic.poses[start:stop, one._source] for episode in episodes], axis=1)
-    turns = normalize(poses[..., 3:])
-    if one._turn is not None:
-        turns = np.concatenate([np.stack([episode._turn for episode in episodes])[None], turns])
-    turns = continuous(turns)[-len(poses) :]
-    seen = np.concatenate([poses[..., :3], turns], axis=-1)[max(one.first - 1 - start, 0) :]
-    rows = np.tile(one._still, (*seen.shape[:2], 1, 1))
-    rows[:, :, one._column] = poses_read_back(seen.reshape(-1, 7)).reshape(seen.shape)
-    before = [np.stack([episode._rows[-1][:, 3:] for episode in episodes])] if one._rows else []
-    rows[..., 3:] = continuous(np.stack([*before, *rows[..., 3:]]))[len(before) :]
-    for index, episode in enumerate(episodes):
-        episode._turn, episode._next = turns[-1, index].copy(), stop
+    poses = np.stack([episode.traffic.poses[one._next : stop, one._source] for episode in episodes], axis=1)
+    signs = QuaternionSigns.joined([episode._signs for episode in episodes])
+    written = np.stack([signs.write(turn.reshape(-1, 4)) for turn in normalize(poses[..., 3:])])
+    seen = slice(max(one.first - 1 - one._next, 0), None)
+    flat = np.concatenate([poses[seen, ..., :3].reshape(-1, 3), written[seen].reshape(-1, 4)], axis=1)
+    read = poses_read_back(flat).reshape(poses[seen].shape)
+    for turns, turn in zip(read[..., 3:], written[seen], strict=True):
+        turns[:] = signs.read(turns.reshape(-1, 4), turn).reshape(turns.shape)
+    rows = np.tile(one._still, (*read.shape[:2], 1, 1))
+    rows[:, :, one._column] = read
+    for index, (episode, own) in enumerate(zip(episodes, signs.parts(len(episodes)), strict=True)):
+        episode._signs, episode._next = own, stop
         episode._rows += list(rows[:, index].copy())

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
+
 from mmw.config import Config, ScenarioConfig
 from mmw.generation.executors.executor import open_executor
 from mmw.generation.generate import generate_dataset
@@ -11,6 +13,7 @@ from mmw.generation.progress import Console
 from mmw.generation.shards import Partition
 from mmw.generation.shared_stages import SharedStages
 from mmw.scene.prepare import write_stage
+from mmw.scene.stage_digests import Spans
 from mmw.storage.manifest import read_dataset
 from mmw.storage.store import Store
 from mmw.traffic.demand import VehicleTrack
@@ -42,6 +45,7 @@ class RecordedStage(SharedStages):
             self._tracks,
             inputs.get(self._scenario.name),
             {"motion": "driven live, see docs/guides/closed-loop.md"},
+            absent_spans(self._tracks),
         )
         self.copied += 1
 
@@ -64,3 +68,14 @@ class RecordedStage(SharedStages):
                 console=console,
                 stages=self,
             )
+
+
+def absent_spans(tracks: Sequence[VehicleTrack]) -> Spans:
+    """Return the frames in which actors are absent, of those that are."""
+    found = {}
+    for track in tracks:
+        is_absent = ~np.isfinite(track.poses).all(axis=1)
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], is_absent, [False]]).astype(np.int8)))
+        if len(ends):
+            found[track.name] = ends.reshape(-1, 2).tolist()
+    return found

@@ -16,7 +16,7 @@ Counts = Mapping[str, np.ndarray]
 """Column of `frames` -> number in each frame of the scenario."""
 
 
-def expected_counts(config: Config, scenario: ScenarioConfig, actors: Any) -> Counts:
+def expected_counts(config: Config, scenario: ScenarioConfig, actors: Any, absent: Any = None) -> Counts:
     """Return the counts that a scenario must have.
 
     Args:
@@ -24,6 +24,8 @@ def expected_counts(config: Config, scenario: ScenarioConfig, actors: Any) -> Co
         scenario: One of its scenarios.
         actors: What the marker of the static tables says about the stage, see `mmw.scene.rows.actor_presence`; None if
             an older mmw wrote it: nothing is expected then.
+        absent: What the hashes of the stage say about actors that were taken out of a live simulation, see
+            `mmw.scene.stage_digests.Spans`; they need not be there then.
 
     Raises:
         ValueError: If `actors` cannot be understood, or has fewer agents than the configuration.
@@ -47,10 +49,15 @@ def expected_counts(config: Config, scenario: ScenarioConfig, actors: Any) -> Co
                     raise ValueError(f"role {actor['role']!r} in frames {first} to {end - 1}")
                 for name in names:
                     counts[name][first - frames.start : end - frames.start] += 1
+        missed = {name: np.zeros(frames.count, dtype=int) for name in COUNTED}
+        for name, spans in (absent or {}).items():
+            for first, end in spans:
+                for column in counted_in(actors[name]["role"], actors[name].get("label", "")):
+                    missed[column][max(first - frames.start, 0) : max(end - frames.start, 0)] += 1
     except (AttributeError, KeyError, TypeError) as error:
         raise ValueError(f"{type(error).__name__}: {error}") from error
     for name, wanted in least.items():
-        if (counts[name] < wanted).any():
+        if (counts[name] + missed[name] < wanted).any():
             raise ValueError(f"{name} goes down to {counts[name].min()}; the configuration has {wanted}")
     return counts
 

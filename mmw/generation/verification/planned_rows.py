@@ -14,6 +14,7 @@ from mmw.config import Config
 from mmw.generation.verification.actor_counts import Counts, actor_kinds, check_counts, expected_counts
 from mmw.generation.verification.row_counts import COLUMNS, TEXTS, Kinds, count_rows
 from mmw.scene.actor_counts import COUNTED
+from mmw.scene.stage_digests import STAGES, parse_digests
 from mmw.storage.finding import Finding
 from mmw.storage.manifest import named_markers
 from mmw.storage.row_checks import SHARD, Chunk, Names
@@ -62,8 +63,12 @@ class PlannedRows:
         for scenario in config.scenarios:
             name = marker_path(scenario.name).as_posix()
             marker = named_markers(store, [name], skip_unreadable=True).get(name, {})
+            note = f"{STAGES}/{scenario.name}.json"
+            digests = parse_digests(store.read_all([note], skip_unreadable=True).get(note)) or {}
             try:
-                self._counts[scenario.name] = expected_counts(config, scenario, marker.get("actors"))
+                self._counts[scenario.name] = expected_counts(
+                    config, scenario, marker.get("actors"), digests.get("absent")
+                )
                 self._kinds[scenario.name] = actor_kinds(marker.get("actors"))
             except ValueError as error:
                 self.findings.append(Finding("marker", name, f"its actors are not those of the scenario ({error})"))

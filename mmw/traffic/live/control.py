@@ -58,7 +58,7 @@ class Control:
             if clash:
                 raise InputError(f"Control: {name} and {clash[0]} are both given; they exclude each other; give one")
         if self.pose is not None:
-            object.__setattr__(self, "pose", _pose(self.pose))
+            object.__setattr__(self, "pose", unit_pose(self.pose, "Control"))
 
     @property
     def is_empty(self) -> bool:
@@ -82,17 +82,25 @@ def _check(name: str, value: Any, low: float, high: float) -> None:
         raise InputError(f"Control: {name} = {value}; a number from {low:g} to {high:g} is needed")
 
 
-def _pose(value: Sequence[float]) -> tuple[float, ...]:
-    """Return a pose of seven numbers with a unit quaternion."""
+def unit_pose(value: Sequence[float], call: str) -> tuple[float, ...]:
+    """Return a pose of seven numbers with a unit quaternion.
+
+    Args:
+        value: x, y, z and a quaternion or a yaw.
+        call: Start of the message.
+
+    Raises:
+        InputError: If it is none.
+    """
     try:
         numbers = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
-    if numbers.shape == (4,):
+    if numbers.shape == (4,) and np.isfinite(numbers).all():
         half = 0.5 * numbers[3]
         numbers = np.array([*numbers[:3], 0.0, 0.0, np.sin(half), np.cos(half)])
     if numbers.shape != (7,) or not np.isfinite(numbers).all() or np.linalg.norm(numbers[3:]) < 1e-6:
         raise InputError(
-            f"Control: pose = {value}; seven finite numbers x, y, z, qx, qy, qz, qw, or four x, y, z, yaw, are needed"
+            f"{call}: pose = {value}; seven finite numbers x, y, z, qx, qy, qz, qw, or four x, y, z, yaw, are needed"
         )
     return (*numbers[:3].tolist(), *normalize(numbers[3:]).tolist())

@@ -11,10 +11,11 @@ from mmw.core.registry import load_reference
 from mmw.traffic.cyclists import simulate_cyclists
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.engine import check_demand
-from mmw.traffic.live.control import Control
+from mmw.traffic.live.control import Control, unit_pose
 from mmw.traffic.live.free_body import FreeBody
 from mmw.traffic.live.live_vehicles import SETTLE_ROWS, LiveVehicles
 from mmw.traffic.live.obstacles import Body
+from mmw.traffic.live.presence import Presence
 from mmw.traffic.pedestrians import simulate_pedestrians
 from mmw.traffic.spawn import name_vehicle, vehicle_order
 from mmw.traffic.vehicle_pose import Shape
@@ -66,6 +67,7 @@ class LiveTraffic:
         for column, track in enumerate(self._fixed, len(self._ranks)):
             self._poses[:, column] = track.poses[: demand.frame_count]
         self.rows = 0
+        self._presence = Presence(self._column)
         self._free: dict[str, FreeBody] = {}
         for row in range(-SETTLE_ROWS, 0):
             vehicles.drive(row, self._seen)
@@ -114,9 +116,9 @@ class LiveTraffic:
             self._check(name, control)
 
     def _check(self, name: str, control: Control | None) -> None:
-        if name not in self._column:
-            known = ", ".join(self.names[:8]) + (f" and {len(self.names) - 8} more" if len(self.names) > 8 else "")
-            raise InputError(f"control of {name!r}: there is no such actor; there are {known}; name one of them")
+        self._presence.check_name("control of", name)
+        if name in self._presence.absent:
+            raise InputError(f"control of {name!r}: is absent; add it first")
         if control is not None and not isinstance(control, Control):
             raise InputError(f"control of {name!r} = {control!r}: mmw.Control or None is needed")
         if control is None or control.is_empty:
@@ -129,17 +131,49 @@ class LiveTraffic:
             raise InputError(f"control of {name!r}: is no vehicle on a lane; only its pose can be given")
         if name in self._free and control.pose is None and control.steering_rad is None:
             raise InputError(
-                f"control of {name!r}: has left its route by a pose or by steering; give steering_rad or pose, or reset"
+                f"control of {name!r}: has left its route by a pose, by steering or by remove; give steering_rad or "
+                "pose, or reset"
             )
 
     def _set_free(self, name: str, column: int) -> None:
         now, before = self._poses[self.rows - 1, column], self._poses[max(self.rows - 2, 0), column]
+        self._take_off(name, column)
+        self._free[name] = FreeBody.take_over(self._shape(column), before, now)
+
+    def _shape(self, column: int) -> Shape:
         is_vehicle = column < len(self._ranks)
-        shape = self._vehicles.shapes[self._ranks[column]] if is_vehicle else _small_shape(self._roster[column])
-        self._free[name] = FreeBody.take_over(shape, before, now)
-        self._poses[self.rows :, column] = np.nan
-        if is_vehicle:
+        return self._vehicles.shapes[self._ranks[column]] if is_vehicle else _small_shape(self._roster[column])
+
+    def _take_off(self, name: str, column: int) -> None:
+        """Take an actor off its route or track, or away from where it was placed."""
+        if self._free.pop(name, None) is None and column < len(self._ranks):
             self._vehicles.remove(self._ranks[column])
+        self._poses[self.rows :, column] = np.nan
+
+    def remove(self, name: str) -> None:
+        """Take an actor out of the rows that are made from now on; others see it no longer.
+
+        Raises:
+            InputError: If there is no such actor, or it is absent.
+        """
+        self._presence.remove(name, self.rows)
+        self._take_off(name, self._column[name])
+
+    def add(self, name: str, pose: Sequence[float]) -> None:
+        """Put an absent actor back from the next row on; it stays there until a control moves it.
+
+        Args:
+            name: The actor.
+            pose: Body to world, x, y, z and a quaternion or a yaw.
+
+        Raises:
+            InputError: If there is no such actor, it is there, was removed in this very row, or the pose is none.
+        """
+        place = unit_pose(pose, f"add {name!r}")
+        self._presence.add(name, self.rows)
+        body = FreeBody.take_over(self._shape(self._column[name]), np.array(place), np.array(place))
+        body.control, body.level = Control(pose=place), None
+        self._free[name] = body
 
     def advance(self, rows: int) -> None:
         """Make the poses of rows up to a number.
@@ -150,10 +184,13 @@ class LiveTraffic:
         if rows > len(self._poses):
             raise InputError(f"{rows} rows; the demand has {len(self._poses)}; give it a longer frame_count")
         while self.rows < rows:
-            self._poses[self.rows, : len(self._ranks)] = self._vehicles.drive(self.rows, self._seen)[self._ranks]
+            row = self._poses[self.rows]
+            row[: len(self._ranks)] = self._vehicles.drive(self.rows, self._seen)[self._ranks]
+            row[[self._column[name] for name in self._presence.absent]] = np.nan
             for name, body in self._free.items():
-                is_vehicle = self._column[name] < len(self._ranks)
-                self._poses[self.rows, self._column[name]] = body.advance(self._demand.ground if is_vehicle else None)
+                ground = self._demand.ground if self._column[name] < len(self._ranks) else None
+                stands = self._presence.stands(name, self.rows)
+                row[self._column[name]] = body.pose if stands else body.advance(ground)
             self.rows += 1
 
     def close(self) -> None:
