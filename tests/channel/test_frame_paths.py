@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from mmw.channel.frame_paths import frame_paths
+from mmw.channel.frame_paths import frame_paths, paths_of_frame
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_table import CarrierPaths
@@ -48,11 +48,21 @@ def test_arrays_and_their_order_are_those_of_the_tables(settings: dict) -> None:
     for column, carrier in enumerate(CARRIERS):
         expected = CarrierPaths.from_table(view, carrier, of_links)
         found = frame_paths(links, paths, "sunny", column, agents, config.antenna_names, "s")
-        for field in fields(CarrierPaths):
-            one, other = getattr(found, field.name), getattr(expected, field.name)
-            if field.name == "keys":
-                assert one.dtype == other.dtype and one.tolist() == other.tolist()
-            elif field.name != "carrier_hz":
-                assert one.dtype == other.dtype and one.shape == other.shape, field.name
-                assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes(), field.name
+        _check_same(found, expected)
+        for frame in frames:
+            own = links.take(np.flatnonzero(links.frame == frame))
+            alone = solve_paths(loaded(data, "cpu", [frame]), make_links(data, [frame], config), config, data.materials)
+            by_itself = frame_paths(own, alone, "sunny", column, agents, config.antenna_names, "s")
+            _check_same(paths_of_frame(found, frame, frame, len(CARRIERS)), by_itself)
+        assert set(paths_of_frame(found, 1, 70, len(CARRIERS)).keys["frame"]) == {70}
         assert found.carrier_hz == carrier
+
+
+def _check_same(found: CarrierPaths, expected: CarrierPaths) -> None:
+    for field in fields(CarrierPaths):
+        one, other = getattr(found, field.name), getattr(expected, field.name)
+        if field.name == "keys":
+            assert one.dtype == other.dtype and one.tolist() == other.tolist()
+        elif field.name != "carrier_hz":
+            assert one.dtype == other.dtype and one.shape == other.shape, field.name
+            assert np.ascontiguousarray(one).tobytes() == np.ascontiguousarray(other).tobytes(), field.name

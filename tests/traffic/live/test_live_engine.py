@@ -47,3 +47,18 @@ def test_vehicle_off_the_lanes_is_in_nobodys_way() -> None:
         engine.step()
     assert all(car.speed > 2.0 for index, car in enumerate(engine.cars) if index != 0)
     assert engine.cars[0].speed == 0.0
+
+
+def test_fleet_that_starts_anew_beside_the_first_has_its_stances() -> None:
+    """Paths on the ground are computed once as long as a vehicle has them; the motion is that of the first."""
+    asked = demand(crossroad(), vehicle_count=8, cav_ranks=(0,), frame_count=600)
+    first, again = (start_fleet(asked, LiveEngine, may_leave=False)[0] for _ in range(2))
+    assert all(one.plan.stance is other.plan.stance for one, other in zip(first.cars, again.cars, strict=True))
+    assert first.table is again.table and first.samples is again.samples
+    for _ in range(100):
+        first.step()
+    other = start_fleet(asked.with_seed(asked.seed + 1), LiveEngine, may_leave=False)[0]
+    for _ in range(100):
+        again.step()
+    assert [car.station for car in again.cars] == [car.station for car in first.cars]
+    assert [car.paint for car in other.cars] != [car.paint for car in first.cars]
