@@ -225,6 +225,8 @@ def _is_rain(
 
 def _is_peak(config: Radar, points: _Points, device: str) -> np.ndarray:
     count = len(points.view)
+    if count == 0:  # an array without columns has no rows to take
+        return np.zeros(0, dtype=bool)
     candidates, is_peak = radar_detection.Candidates(), wp.empty(count, dtype=int, device=device)
     names = ("range", "velocity", "y", "z", "power")
     values = np.stack([getattr(points, name).astype(np.float32) for name in names])

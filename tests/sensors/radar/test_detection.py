@@ -268,3 +268,9 @@ def test_rain_moves_with_wind_and_falls(device):
 
 def test_no_rain_no_clutter(device):
     assert rain_clutter(SMALL, PRESETS["foggy"], np.zeros((1, 7)), np.zeros((1, 3)), make_keys(1), device) is None
+
+
+def test_views_without_a_detection(device):
+    """No echo, no rain and hardly ever a false alarm: a live radar that looks at the sky."""
+    found = detections(SMALL, device, [np.zeros((0, 7)), np.zeros((0, 7))])
+    assert found.offsets.tolist() == [0, 0, 0] and len(found.range) == len(found.label) == 0
