@@ -6,7 +6,7 @@ Geometry is traced once a batch; what differs between weathers is evaluated on t
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 
@@ -27,6 +27,8 @@ from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.mount_checks import check_mounts
 from mmw.storage.arrow_tables import sort_rows, unsorted_table
 from mmw.storage.schemas import table_spec
+
+T = TypeVar("T")
 
 
 def make_batch(
@@ -55,6 +57,44 @@ def make_batch(
     return Batch(config, scenario, arrays, differentiate(arrays.poses, arrays.pose_dt), scene, surfaces, pool, timer)
 
 
+def launch_in_parts(
+    items: range,
+    step: int,
+    make: Callable[[range], T],
+    on_made: Callable[[range, T], None],
+    on_full: Callable[[int, int], None],
+) -> int:
+    """Make something of items in parts, in order, and halve the parts where memory is full.
+
+    Args:
+        items: Numbers of the items.
+        step: Items of a part at most.
+        make: Makes a part.
+        on_made: Takes each part and what was made of it.
+        on_full: Takes the items of a part that did not fit, and those of the next ones.
+
+    Returns:
+        The items of a part that fit.
+
+    Raises:
+        MemoryError, RuntimeError: If the memory is full with a single item.
+    """
+    first = items.start
+    while first < items.stop:
+        some = range(first, min(first + step, items.stop))
+        try:
+            made = make(some)
+        except (MemoryError, RuntimeError) as error:
+            if len(some) == 1 or not is_out_of_memory(error):
+                raise
+            step = len(some) // 2
+            on_full(len(some), step)
+            continue
+        on_made(some, made)
+        first = some.stop
+    return step
+
+
 def trace_work(
     batch: Batch, work: Work, max_frames: int, reporter: Reporter, on_rows: Callable[[range, TableRows], None]
 ) -> int:
@@ -66,22 +106,20 @@ def trace_work(
     Raises:
         MemoryError, RuntimeError: If the memory is full with a single frame.
     """
-    step, first = max_frames, work.frame_begin
-    while first < work.frame_end:
-        frames = range(first, min(first + step, work.frame_end))
+
+    def trace(frames: range) -> TableRows:
         rows: TableRows = {weather: defaultdict(list) for weather in work.weathers}
-        try:
-            capture_frames(batch, frames, rows)
-        except (MemoryError, RuntimeError) as error:
-            if len(frames) == 1 or not is_out_of_memory(error):
-                raise
-            step = len(frames) // 2
-            reporter.warn_once(f"memory is full with {len(frames)} frames a launch; going on with {step}")
-            continue
+        capture_frames(batch, frames, rows)
+        return rows
+
+    def hand_on(frames: range, rows: TableRows) -> None:
         on_rows(frames, rows)
-        first = frames.stop
         reporter.advance(len(frames) * len(work.weathers), work.scenario)
-    return step
+
+    def report(count: int, step: int) -> None:
+        reporter.warn_once(f"memory is full with {count} frames a launch; going on with {step}")
+
+    return launch_in_parts(range(work.frame_begin, work.frame_end), max_frames, trace, hand_on, report)
 
 
 def join_batches(name: str, scenario: str, weather: str, batches: Sequence[Any]) -> pa.Table:

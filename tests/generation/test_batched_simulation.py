@@ -3,6 +3,7 @@
 import gc
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -10,19 +11,12 @@ import pytest
 
 import mmw
 from mmw import Control
+from mmw.channel.path_table import CarrierPaths
 from mmw.cli.verify import main as verify
 from mmw.core.errors import InputError
+from mmw.generation.live.world_frames import WorldFrames
+from tests.fixtures.live_config import SENSORS, TRAFFIC
 
-SENSORS = (
-    "sensors=[{type: lidar, channels: 8, points_per_channel: 45, scene_flow: true}, {type: imu}, {type: gnss}, "
-    "{type: radar, azimuth_rays: 24, elevation_rays: 8}, "
-    "{type: rgb, name: front, width_px: 32, height_px: 24, rate_hz: 50}, "
-    "{type: depth, width_px: 32, height_px: 24, segmentation: true}]"
-)
-TRAFFIC = [
-    "scenarios.town03_roundabout.traffic.vehicle_count=9",
-    "scenarios.town03_roundabout.traffic.pedestrian_count=3",
-]
 SLOW = {"cav_1": Control(target_speed_m_s=3.0)}
 STATIC = ("objects", "sensors", "materials")
 
@@ -40,6 +34,12 @@ def batch(config: mmw.Config) -> Iterator[mmw.BatchedSimulation]:
     """Return three worlds for all tests."""
     with mmw.BatchedSimulation(config, 3, device="cpu") as simulation:
         yield simulation
+
+
+def assert_same_paths(one: CarrierPaths, other: CarrierPaths) -> None:
+    for name, values in vars(one).items():
+        is_float = np.asarray(values).dtype.kind in "fc"
+        assert np.array_equal(values, getattr(other, name), equal_nan=is_float), name
 
 
 @pytest.mark.slow
@@ -60,10 +60,7 @@ def test_every_world_has_the_rows_of_a_simulation_of_its_own(config: mmw.Config,
                 other = alone.step(one)
             for name in (*frame.data.tables, "paths"):
                 assert frame.data.read(name) == other.data.read(name), (seed, name)
-            own_paths, other_paths = vars(frame.paths(28e9)), vars(other.paths(28e9))
-        for name, values in own_paths.items():
-            is_float = np.asarray(values).dtype.kind in "fc"
-            assert np.array_equal(values, other_paths[name], equal_nan=is_float), (seed, name)
+            assert_same_paths(frame.paths(28e9), other.paths(28e9))
         assert frame.row["seed"] == seed and len(frame.agents["cav_1"].sensor("lidar")) > 10
 
 
@@ -92,6 +89,29 @@ def test_agents_sensor_alone_is_that_of_all_and_joint_tables_are_those_of_the_wo
         batch.table("imu")
 
 
+def test_full_memory_halves_the_worlds_of_a_launch(
+    batch: mmw.BatchedSimulation, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def look() -> tuple[Any, Any]:
+        batch.reset([42, 43, 44])
+        batch.step()
+        return batch.table("lidar"), batch.present[2].paths(28e9)
+
+    table, paths = look()
+    load = WorldFrames._load
+
+    def full(self: WorldFrames, whole: Any, some: range) -> None:
+        load(self, whole, some)
+        if len(some) > 1:
+            raise RuntimeError("Failed to allocate 123 bytes on device 'cuda:0'")
+
+    monkeypatch.setattr(WorldFrames, "_load", full)
+    split_table, split_paths = look()
+    assert "memory is full with 3 worlds a launch; going on with 1" in caplog.text
+    assert split_table == table and len(paths) > 3
+    assert_same_paths(split_paths, paths)
+
+
 def test_fault_in_one_world_leaves_all_where_they_are_and_names_it(batch: mmw.BatchedSimulation) -> None:
     before = batch.reset([42, 43, 44])
     for controls, text in (
@@ -101,7 +121,7 @@ def test_fault_in_one_world_leaves_all_where_they_are_and_names_it(batch: mmw.Ba
         ([{}, {}], "controls has 2 entries for 3 worlds"),
     ):
         with pytest.raises(InputError, match=text):
-            batch.step(controls)  # type: ignore[arg-type]
+            batch.step(controls)
     with pytest.raises(InputError, match="acceleration_m_s2 = nan"):  # such a control cannot be made
         batch.step([{}, {"cav_1": Control(acceleration_m_s2=float("nan"))}, {}])
     assert batch.present[0] is before[0]
@@ -110,7 +130,7 @@ def test_fault_in_one_world_leaves_all_where_they_are_and_names_it(batch: mmw.Ba
             batch.step(worlds=worlds)
     for seed in (-1, True, 1.5):
         with pytest.raises(InputError, match="world 2: seed"):
-            batch.reset([None, None, seed])  # type: ignore[list-item]
+            batch.reset([None, None, seed])
     assert batch.seeds == (42, 43, 44) and batch.present[2] is before[2]
     for _ in range(38):
         batch.step(worlds=[0])

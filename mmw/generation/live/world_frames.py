@@ -15,7 +15,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
 from mmw.channel.paths import PathSet
-from mmw.core.errors import InputError, is_out_of_memory
+from mmw.core.errors import InputError
 from mmw.core.kinematics import differentiate
 from mmw.core.later import start_all
 from mmw.generation.capture import channel_links, channel_rows, trace_channel
@@ -31,7 +31,7 @@ from mmw.generation.live.frame_tables import (
 )
 from mmw.generation.live.live_run import World
 from mmw.generation.live.world_rows import WorldRows
-from mmw.generation.pipeline import join_batches
+from mmw.generation.pipeline import join_batches, launch_in_parts
 from mmw.scene.world_batch import NEIGHBORS, WorldBatch
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.parquet_schema import arrow_schema
@@ -223,23 +223,21 @@ class WorldFrames:
 
     def _launches(self, make: Callable[[Batch, range], T], agent: str | None) -> list[tuple[range, T]]:
         """Return what `make` makes of all worlds, in one launch if the memory is enough, and the worlds of each."""
-        world, step = self._worlds.world, len(self._moments)
+        world, count = self._worlds.world, len(self._moments)
         made: list[tuple[range, T]] = []
+
+        def report(full: int, step: int) -> None:
+            self._worlds.report(f"memory is full with {full} worlds a launch; going on with {step}")
+
         with world.lock:
             world.check_open(self._worlds.name)
-            batch, first = self._batch(agent), 0
-            while first < len(self._moments):
-                some = range(first, min(first + step, len(self._moments)))
-                try:
-                    self._load(batch, some)
-                    made.append((some, make(batch, some)))
-                except (MemoryError, RuntimeError) as error:
-                    if len(some) == 1 or not is_out_of_memory(error):
-                        raise
-                    step = len(some) // 2
-                    self._worlds.report(f"memory is full with {len(some)} worlds a launch; going on with {step}")
-                    continue
-                first = some.stop
+            batch = self._batch(agent)
+
+            def launch(some: range) -> T:
+                self._load(batch, some)
+                return make(batch, some)
+
+            launch_in_parts(range(count), count, launch, lambda *part: made.append(part), report)
         return made
 
     @cached_property

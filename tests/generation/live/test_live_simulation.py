@@ -14,20 +14,11 @@ from mmw.cli.verify import main as verify
 from mmw.core.errors import InputError
 from mmw.dataset.sample_rows import rows_of_table
 from mmw.storage.schemas import table_spec
+from tests.fixtures.live_config import SENSORS, TRAFFIC
 from tests.fixtures.own_world import DATA
 from tests.fixtures.simulated_files import assert_same_samples, write_simulated
 from tests.fixtures.sumo_installed import needs_sumo
 
-SENSORS = (
-    "sensors=[{type: lidar, channels: 8, points_per_channel: 45, scene_flow: true}, {type: imu}, {type: gnss}, "
-    "{type: radar, azimuth_rays: 24, elevation_rays: 8}, "
-    "{type: rgb, name: front, width_px: 32, height_px: 24, rate_hz: 50}, "
-    "{type: depth, width_px: 32, height_px: 24, segmentation: true}]"
-)
-TRAFFIC = [
-    "scenarios.town03_roundabout.traffic.vehicle_count=9",
-    "scenarios.town03_roundabout.traffic.pedestrian_count=3",
-]
 DRIVE = [
     {"cav_1": Control(acceleration_m_s2=-2.0), "cav_2": Control(target_speed_m_s=3.0)},
     {},
@@ -185,7 +176,7 @@ def test_another_seed_makes_another_fleet(config: mmw.Config) -> None:
         assert simulation.reset().row["seed"] == 7
         for seed in (-1, True, 1.5):
             with pytest.raises(InputError, match="whole number"):
-                simulation.reset(seed)  # type: ignore[arg-type]
+                simulation.reset(seed)
 
 
 def test_bad_calls_are_refused_and_do_not_move_traffic(live: mmw.Simulation) -> None:
@@ -197,7 +188,7 @@ def test_bad_calls_are_refused_and_do_not_move_traffic(live: mmw.Simulation) -> 
         ({"ped_001": Control(target_speed_m_s=1.0)}, "only its pose"),
     ):
         with pytest.raises(InputError, match=text):
-            live.step(controls)  # type: ignore[arg-type]
+            live.step(controls)
     assert live.step().frame == frame.frame + 1
     for _ in range(37):
         live.step()
@@ -252,7 +243,7 @@ def test_sumo_is_stepped_saved_and_is_the_same_again(tmp_path: Path) -> None:
 
 def test_mode_is_checked_and_replay_has_no_steps(config: mmw.Config) -> None:
     with pytest.raises(InputError, match="there are replay and live"):
-        mmw.Simulation(config, mode="alive", device="cpu")  # type: ignore[arg-type]
+        mmw.Simulation(config, mode="alive", device="cpu")
 
 
 def test_recorded_stage_has_no_steps_and_cannot_be_live(tmp_path: Path) -> None:

@@ -32,6 +32,6 @@ def test_world_has_its_rows_in_their_order(waits: bool) -> None:
             own = own.result() if waits else own
             assert own["frame"].tolist() == [70 + world] * len(expected) and own["frame"].dtype == np.int32
             assert own["sensor"] == "lidar" and own["number"].tolist() == expected
-            assert own["image"] == [columns["image"][index] for index in expected]  # type: ignore[index]
+            assert own["image"] == [columns["image"][index] for index in expected]
             for name in ("agent", "values"):
-                assert own[name].to_pylist() == columns[name].take(pa.array(expected, pa.int64())).to_pylist()  # type: ignore[attr-defined]
+                assert own[name].to_pylist() == columns[name].take(pa.array(expected, pa.int64())).to_pylist()
