@@ -200,15 +200,7 @@ def place_on_ground(
     lost = np.flatnonzero(np.isnan(height).any(axis=0))
     if len(lost):
         return None, float(line.station[rows[lost[0]]]), "a wheel leaves the drivable surface"
-    front_left, front_right, rear_left, rear_right = height
-    plane = np.stack(
-        [
-            height.mean(axis=0),
-            (front_left + front_right - rear_left - rear_right) / (2 * shape.wheelbase),
-            (front_left + rear_left - front_right - rear_right) / (2 * shape.track),
-        ],
-        axis=1,
-    )
+    plane = wheel_plane(height, shape.wheelbase, shape.track)
     smooth = np.column_stack([_follow(plane[:, :1], GROUND_SIGMA), _follow(plane[:, 1:], TILT_SIGMA)])
     tyre = smooth @ np.array([(1.0, x, y) for x, y in wheel_places(shape)]).T
     lift_x, lift_y = lean_per_acceleration(shape)
@@ -234,6 +226,20 @@ def wheel_places(shape: Shape) -> list[tuple[float, float]]:
     """Return x and y of the wheels in the body frame [m]: front left, front right, rear left, rear right."""
     x, y = 0.5 * shape.wheelbase, 0.5 * shape.track
     return [(x, y), (x, -y), (-x, y), (-x, -y)]
+
+
+def wheel_plane(height: np.ndarray, wheelbase: float | np.ndarray, track: float | np.ndarray) -> np.ndarray:
+    """Return height [m], slope along and slope across of the plane nearest to four wheels, shape [N, 3].
+
+    Args:
+        height: Height of the ground under each, in the order of `wheel_places` [m], shape [4, N].
+        wheelbase: Distance between the axles [m], one or shape [N].
+        track: Distance between the wheels of an axle [m], one or shape [N].
+    """
+    front_left, front_right, rear_left, rear_right = height
+    along = (front_left + front_right - rear_left - rear_right) / (2 * wheelbase)
+    across = (front_left + rear_left - front_right - rear_right) / (2 * track)
+    return np.stack([height.mean(axis=0), along, across], axis=1)
 
 
 def sample_poses(stance: Stance, station: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ import numpy as np
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.traffic.ground_height import Ground
 from mmw.traffic.live.causal import ROWS_PER_STEP
-from mmw.traffic.vehicle_pose import Shape, directions
+from mmw.traffic.vehicle_pose import Shape, directions, wheel_plane
 
 KNOTS_S = 0.2
 """Distance between the knots of the B-spline [s], a whole number of steps; standard deviation 0.12 s, the least of
@@ -105,15 +105,7 @@ class PulledBodies:
         height = np.full((4, len(moved)), np.nan)
         some = np.stack(wheels)[:, moved]
         height[:, moved] = self._ground.heights(some.reshape(-1, 3)).reshape(4, -1)
-        front_left, front_right, rear_left, rear_right = height
-        plane = np.stack(
-            [
-                height.mean(axis=0),
-                (front_left + front_right - rear_left - rear_right) / (2 * self._wheelbase),
-                (front_left + rear_left - front_right - rear_right) / (2 * self._track),
-            ],
-            axis=1,
-        )
+        plane = wheel_plane(height, self._wheelbase, self._track)
         level = np.where(np.isnan(plane).any(axis=1, keepdims=True), level, plane)
         columns = np.column_stack([center, self._heading, level])
         self._columns = np.where(moved[:, None], columns, self._columns)

@@ -10,13 +10,13 @@ from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.kinematics import differentiate
 from mmw.core.transforms import quaternion_to_ypr
-from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.idm.simulation import STATION_SIGMA, simulate_idm
 from mmw.traffic.live.causal import REACH, WEIGHTS, smooth_station
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_traffic import LiveTraffic
 from mmw.traffic.live.obstacles import Body, LaneSamples
 from mmw.traffic.roads.lane_graph import LaneGraph
+from tests.fixtures.live_traffic import drive, sedans_on, speeds
 from tests.fixtures.traffic_measures import measure, min_gap
 from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, oval, surface
 
@@ -31,24 +31,6 @@ def cross() -> LaneGraph:
 def ring() -> LaneGraph:
     """Return a one-way circuit of two lanes."""
     return oval()
-
-
-def on_ring(ring: LaneGraph, **options) -> TrafficDemand:
-    """Return sedans on the circuit, three of them CAVs."""
-    sedans = {"sedan": CATALOG["sedan"]}
-    return demand(ring, catalog=sedans, **({"vehicle_count": 8, "cav_ranks": (0, 1, 2), "frame_count": 1700} | options))
-
-
-def drive(traffic: LiveTraffic, rows: int, controls: dict[str, Control] | None = None) -> np.ndarray:
-    """Go on by some rows; controls are given once. Return the poses of `cav_1` in these rows."""
-    traffic.command(controls or {})
-    traffic.advance(traffic.rows + rows)
-    return traffic.poses[-rows:, traffic.names.index("cav_1")]
-
-
-def speeds(poses: np.ndarray) -> np.ndarray:
-    """Return the speed along a series of poses [m/s]."""
-    return np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / FRAME_DT
 
 
 def test_weights_are_a_causal_low_pass_that_keeps_straight_lines():
@@ -84,7 +66,7 @@ def test_without_controls_traffic_is_that_of_a_recording(town, request):
 
 
 def test_same_controls_give_the_same_bytes_and_no_row_that_is_known_changes(ring):
-    plain, first, second = (LiveTraffic(on_ring(ring)) for _ in range(3))
+    plain, first, second = (LiveTraffic(sedans_on(ring)) for _ in range(3))
     braking = {"cav_1": Control(acceleration_m_s2=-3.0)}
     for traffic in (plain, first, second):
         traffic.advance(203)
@@ -103,7 +85,7 @@ def test_same_controls_give_the_same_bytes_and_no_row_that_is_known_changes(ring
 
 
 def test_acceleration_is_reached_and_held_and_others_brake(ring):
-    traffic = LiveTraffic(on_ring(ring, lane_changes=False))
+    traffic = LiveTraffic(sedans_on(ring, lane_changes=False))
     traffic.advance(300)
     now = speeds(drive(traffic, 10))[-1]
     poses = drive(traffic, 150, {"cav_1": Control(acceleration_m_s2=-1.5)})
@@ -121,7 +103,7 @@ def test_acceleration_is_reached_and_held_and_others_brake(ring):
 
 
 def test_target_speed_is_kept_and_lower_limits_win(ring):
-    traffic = LiveTraffic(on_ring(ring, vehicle_count=3, lane_changes=False))
+    traffic = LiveTraffic(sedans_on(ring, vehicle_count=3, lane_changes=False))
     traffic.advance(300)
     poses = drive(traffic, 600, {"cav_1": Control(target_speed_m_s=4.0)})
     assert speeds(poses)[-1] == pytest.approx(4.0, abs=0.01)
@@ -130,7 +112,7 @@ def test_target_speed_is_kept_and_lower_limits_win(ring):
 
 
 def test_lane_change_happens_once_when_asked(ring):
-    traffic = LiveTraffic(on_ring(ring, vehicle_count=3))
+    traffic = LiveTraffic(sedans_on(ring, vehicle_count=3))
     traffic.advance(300)
     own = [change for change in traffic.lane_changes if change[1] == "cav_1"]
     side = None
@@ -147,7 +129,7 @@ def test_lane_change_happens_once_when_asked(ring):
 
 
 def test_others_stop_for_a_body_that_is_put_across_the_road(ring):
-    traffic = LiveTraffic(on_ring(ring, vehicle_count=3, cav_ranks=(0,), lane_changes=False, frame_count=3200))
+    traffic = LiveTraffic(sedans_on(ring, vehicle_count=3, cav_ranks=(0,), lane_changes=False, frame_count=3200))
     traffic.advance(300)
     lane = next(lane for lane in ring.lanes.values() if not lane.junction)
     middle = lane.points[len(lane.points) // 2]
@@ -185,7 +167,7 @@ def test_steered_vehicle_drives_the_circle_of_its_wheels():
 
 def test_random_controls_leave_no_trace_of_nan_and_no_collision(ring):
     """Drivers keep to gaps whatever speed and lane they are told."""
-    traffic, generator = LiveTraffic(on_ring(ring, frame_count=1010)), np.random.default_rng(5)
+    traffic, generator = LiveTraffic(sedans_on(ring, frame_count=1010)), np.random.default_rng(5)
     for _ in range(20):
         controls = {
             f"cav_{k}": Control(
@@ -267,7 +249,7 @@ def test_control_that_cannot_be_is_refused(control, text):
 
 
 def test_control_of_the_wrong_actor_is_refused_and_changes_nothing(ring):
-    asked = on_ring(ring, vehicle_count=3, frame_count=400, lane_changes=False)
+    asked = sedans_on(ring, vehicle_count=3, frame_count=400, lane_changes=False)
     traffic, plain = LiveTraffic(asked), LiveTraffic(asked)
     for bad, text in (
         ({"cav_9": Control()}, "no such actor; there are cav_1"),
@@ -285,7 +267,7 @@ def test_control_of_the_wrong_actor_is_refused_and_changes_nothing(ring):
 
 
 def test_vehicle_off_its_route_has_no_driver(ring):
-    traffic = LiveTraffic(on_ring(ring, vehicle_count=3, frame_count=400))
+    traffic = LiveTraffic(sedans_on(ring, vehicle_count=3, frame_count=400))
     traffic.advance(10)
     drive(traffic, 10, {"cav_1": Control(steering_rad=0.0)})
     with pytest.raises(InputError, match="has left its route"):

@@ -12,6 +12,7 @@ from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_traffic import LiveTraffic
 from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.traffic.sumo.simulation import simulate_sumo
+from tests.fixtures.live_traffic import drive, sedans_on, speeds
 from tests.fixtures.sumo_installed import needs_sumo
 from tests.fixtures.traffic_measures import measure, min_gap
 from tests.fixtures.traffic_towns import CATALOG, crossroad, demand, flat, hill, oval, roundabout, surface
@@ -26,21 +27,8 @@ def ring() -> LaneGraph:
 
 
 def on_ring(ring: LaneGraph, **options) -> LiveTraffic:
-    """Return sedans on the circuit, three of them CAVs."""
-    own = {"vehicle_count": 8, "cav_ranks": (0, 1, 2), "frame_count": 1700, "engine": "sumo"} | options
-    return LiveTraffic(demand(ring, catalog={"sedan": CATALOG["sedan"]}, **own))
-
-
-def drive(traffic: LiveTraffic, rows: int, controls: dict[str, Control] | None = None) -> np.ndarray:
-    """Go on by some rows; controls are given once. Return the poses of `cav_1` in these rows."""
-    traffic.command(controls or {})
-    traffic.advance(traffic.rows + rows)
-    return traffic.poses[-rows:, traffic.names.index("cav_1")]
-
-
-def speeds(poses: np.ndarray) -> np.ndarray:
-    """Return the speed along a series of poses [m/s]."""
-    return np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / FRAME_DT
+    """Return sedans on the circuit, driven by SUMO."""
+    return LiveTraffic(sedans_on(ring, engine="sumo", **options))
 
 
 @pytest.mark.parametrize(
