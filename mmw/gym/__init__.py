@@ -16,9 +16,9 @@ from mmw.gym.beam_tracking import BeamTracking
 from mmw.gym.fleet import Fleet
 from mmw.gym.handover import Handover
 from mmw.gym.link_rate import RadioLink
-from mmw.gym.vector_env import BeamTrackingVector, HandoverVector
+from mmw.gym.vector_env import BeamTrackingVector, HandoverVector, VectorOptions
 
-__all__ = ["BeamTracking", "BeamTrackingVector", "Fleet", "Handover", "HandoverVector", "RadioLink"]
+__all__ = ["BeamTracking", "BeamTrackingVector", "Fleet", "Handover", "HandoverVector", "RadioLink", "VectorOptions"]
 
 for _entry, _vector in ((BeamTracking, BeamTrackingVector), (Handover, HandoverVector)):
     if f"mmw/{_entry.__name__}-v0" not in _gymnasium.registry:

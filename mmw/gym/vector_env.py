@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 import pyarrow as pa
@@ -36,6 +36,25 @@ Looked = tuple[dict[str, np.ndarray], np.ndarray, dict[str, np.ndarray]]
 """Observations, spectral efficiency of what serves [bit/s/Hz], shape [W], and entries of `info`."""
 
 
+class VectorOptions(TypedDict, total=False):
+    """Arguments that all vector environments have, by name; as of the environment of a single world."""
+
+    agent: str
+    """Receiver; `cav_1` by default."""
+    link: RadioLink | None
+    """Radio of every station; the default one if None."""
+    max_start: int
+    """An episode begins up to so many steps after the first frame; 20 by default."""
+    device: str
+    """As for `mmw.BatchedSimulation`."""
+    extra: Mapping[str, Extra] | None
+    """Further observations of the agent."""
+    drive: Callable[[Frame], Mapping[str, Control | None]] | None
+    """Frame -> controls of vehicles in it."""
+    draw_traffic: bool
+    """Every episode has traffic of a seed that is drawn; by default a world keeps its own."""
+
+
 class LiveVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
     """W worlds of a `BatchedSimulation`, each as the environment of a single world.
 
@@ -52,19 +71,19 @@ class LiveVectorEnv(VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
         config: Source,
         *,
         overrides: tuple[str, ...],
-        agent: str,
         peers: tuple[str, ...],
-        link: RadioLink | None,
         frames_per_step: int,
-        max_start: int,
-        device: str,
-        extra: Mapping[str, Extra] | None,
-        drive: Callable[[Frame], Mapping[str, Control | None]] | None,
-        draw_traffic: bool,
         choices: int | None,
         state: str,
+        agent: str = "cav_1",
+        link: RadioLink | None = None,
+        max_start: int = 20,
+        device: str = "auto",
+        extra: Mapping[str, Extra] | None = None,
+        drive: Callable[[Frame], Mapping[str, Control | None]] | None = None,
+        draw_traffic: bool = False,
     ) -> None:
-        """Make the simulation; arguments as of the environments.
+        """Make the simulation; arguments as of the environments and `VectorOptions`.
 
         `choices` is the number of actions, None for the beams of the link; `state` names the observation of the last.
         """
@@ -247,39 +266,26 @@ class BeamTrackingVector(LiveVectorEnv):
         config: Source = "quickstart",
         *,
         overrides: tuple[str, ...] = ("frames.count=1000", NO_SENSORS),
-        agent: str = "cav_1",
         peer: str = "rsu_1",
-        link: RadioLink | None = None,
         frames_per_step: int = 10,
-        max_start: int = 20,
-        device: str = "auto",
-        extra: Mapping[str, Extra] | None = None,
-        drive: Callable[[Frame], Mapping[str, Control | None]] | None = None,
-        draw_traffic: bool = False,
+        **options: Unpack[VectorOptions],
     ) -> None:
-        """Make the simulation; arguments that are not here are those of `BeamTracking`.
+        """Make the simulation.
 
         Args:
             num_envs: Worlds.
             config: Configuration, as for `mmw.BatchedSimulation`.
             overrides: `key=value` that change it.
-            agent: Receiver.
             peer: Transmitter.
-            link: Radio; the default one if None.
             frames_per_step: Frames of 10 ms from one decision to the next.
-            max_start: An episode begins up to so many steps after the first frame.
-            device: As for `mmw.BatchedSimulation`.
-            extra: Further observations of the agent.
-            drive: Frame -> controls of vehicles in it.
-            draw_traffic: Every episode has traffic of a seed that is drawn; else a world keeps its own.
+            options: What all vector environments have, see `VectorOptions`.
 
         Raises:
             InputError: If the configuration cannot be stepped, is too short, or has no such agents.
         """
         super().__init__(
-            num_envs, config, overrides=overrides, agent=agent, peers=(peer,), link=link,
-            frames_per_step=frames_per_step, max_start=max_start, device=device, extra=extra, drive=drive,
-            draw_traffic=draw_traffic, choices=None, state="beam",
+            num_envs, config, overrides=overrides, peers=(peer,), frames_per_step=frames_per_step, choices=None,
+            state="beam", **options,
         )  # fmt: skip
 
     def _look(self) -> Looked:
@@ -298,16 +304,10 @@ class HandoverVector(LiveVectorEnv):
         config: Source = "quickstart",
         *,
         overrides: tuple[str, ...] = TWO_STATIONS,
-        agent: str = "cav_1",
         peers: tuple[str, ...] = ("rsu_1", "rsu_2"),
-        link: RadioLink | None = None,
         interruption_s: float = 0.05,
         frames_per_step: int = 10,
-        max_start: int = 20,
-        device: str = "auto",
-        extra: Mapping[str, Extra] | None = None,
-        drive: Callable[[Frame], Mapping[str, Control | None]] | None = None,
-        draw_traffic: bool = False,
+        **options: Unpack[VectorOptions],
     ) -> None:
         """Make the simulation; arguments that are not here are those of `BeamTrackingVector`.
 
@@ -315,16 +315,10 @@ class HandoverVector(LiveVectorEnv):
             num_envs: Worlds.
             config: Configuration, as for `mmw.BatchedSimulation`.
             overrides: `key=value` that change it.
-            agent: Receiver.
             peers: Transmitters, two or more.
-            link: Radio of every station; the default one if None.
             interruption_s: Time without link after a change of station [s], at most a step.
             frames_per_step: Frames of 10 ms from one decision to the next.
-            max_start: An episode begins up to so many steps after the first frame.
-            device: As for `mmw.BatchedSimulation`.
-            extra: Further observations of the agent.
-            drive: Frame -> controls of vehicles in it.
-            draw_traffic: Every episode has traffic of a seed that is drawn; else a world keeps its own.
+            options: What all vector environments have, see `VectorOptions`.
 
         Raises:
             InputError: If the configuration cannot be stepped, is too short, or has no such agents.
@@ -332,9 +326,8 @@ class HandoverVector(LiveVectorEnv):
         check_stations(peers)
         self._lost = lost_share(interruption_s, frames_per_step)
         super().__init__(
-            num_envs, config, overrides=overrides, agent=agent, peers=tuple(peers), link=link,
-            frames_per_step=frames_per_step, max_start=max_start, device=device, extra=extra, drive=drive,
-            draw_traffic=draw_traffic, choices=len(peers), state="serving",
+            num_envs, config, overrides=overrides, peers=tuple(peers), frames_per_step=frames_per_step,
+            choices=len(peers), state="serving", **options,
         )  # fmt: skip
 
     def _rewards(self, rates: np.ndarray, has_changed: np.ndarray) -> np.ndarray:
