@@ -1,5 +1,7 @@
 """Results that are remembered by the objects that they follow from."""
 
+import pytest
+
 from mmw.core.remember import remembered
 
 
@@ -32,3 +34,12 @@ def test_oldest_result_goes_first_and_another_object_is_never_taken_for_it() -> 
     for _ in range(100):  # lists that are freed at once may have the same address
         before = count[0]
         assert number([0]) == before + 1
+
+
+def test_keywords_are_refused_as_they_are_no_part_of_the_key() -> None:
+    @remembered()
+    def scaled(values: list[int], factor: int) -> list[int]:
+        return [factor * value for value in values]
+
+    with pytest.raises(TypeError, match=r"scaled\(\) takes no keywords: factor; give them by position"):
+        scaled([1], factor=2)
