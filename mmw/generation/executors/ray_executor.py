@@ -23,8 +23,9 @@ from mmw.core.errors import InputError
 from mmw.core.extras import install
 from mmw.core.temp_files import Owner, temporary_path
 from mmw.generation.continuation import VERSIONS
+from mmw.generation.executors.child_process import WorkerDiedError
 from mmw.generation.executors.ray_cluster import ClusterResources, connect_cluster, node_resources, plan_workers
-from mmw.generation.executors.supervisor import Supervisor, WorkerDiedError
+from mmw.generation.executors.supervisor import Supervisor
 from mmw.generation.executors.work_queue import WorkerLostError
 from mmw.generation.executors.worker_protocol import NOTE, Message, serve
 from mmw.generation.progress import Console

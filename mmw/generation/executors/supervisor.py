@@ -8,16 +8,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
+from mmw.generation.executors.child_process import WorkerDiedError
 from mmw.generation.executors.work_queue import WorkQueue
 from mmw.generation.executors.worker_protocol import ENDED, FAILED, LOG, NOTE, READY, TRACED, Message
 from mmw.generation.progress import Console
 from mmw.generation.shards import Work, pending_work
 from mmw.generation.worker import GenerationContext
 from mmw.storage.lock import remove_temporaries
-
-
-class WorkerDiedError(Exception):
-    """Report that a worker died; the text gives the cause."""
 
 
 class WorkerConnection(Protocol):

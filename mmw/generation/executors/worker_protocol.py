@@ -2,9 +2,7 @@
 
 import faulthandler
 import logging
-import pickle
 import threading
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from logging.handlers import QueueHandler
@@ -13,6 +11,7 @@ from typing import Any
 
 from mmw.core.temp_files import owned
 from mmw.core.timing import StageTimer
+from mmw.generation.executors.child_process import picklable_error
 from mmw.generation.shards import Work
 from mmw.generation.worker import GenerationContext, Worker
 
@@ -96,15 +95,3 @@ def serve(
             send_locked((ENDED, *reporter.unsent_times()))
         except Exception as error:  # the run explains it, and logs the trace that comes with it
             send_locked((FAILED, picklable_error(error)))
-
-
-def picklable_error(error: Exception) -> Exception:
-    """Return an error that can be sent to another process, with its stack trace as a note."""
-    error.add_note("in a worker process:\n" + "".join(traceback.format_exception(error)))
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:  # the error class of a library may fail in any way when it is copied
-        copied = RuntimeError(f"{type(error).__name__}: {error}")
-        copied.__notes__ = error.__notes__
-        return copied
-    return error

@@ -14,9 +14,9 @@ from typing import NoReturn
 import pytest
 
 from mmw.config.compute import ComputeConfig
+from mmw.generation.executors.child_process import WorkerDiedError
 from mmw.generation.executors.local_processes import _WorkerProcess
 from mmw.generation.executors.process_pool import CAN_FORK, _start, may_use_processes, start_server
-from mmw.generation.executors.supervisor import WorkerDiedError
 from mmw.generation.executors.worker_protocol import FAILED
 
 on_linux = pytest.mark.skipif(not CAN_FORK, reason="workers are not forked here")
