@@ -9,7 +9,8 @@ import numpy as np
 
 from mmw.traffic.idm.open_ends import OpenNetwork
 from mmw.traffic.roads.lane_graph import LaneGraph
-from mmw.traffic.spawn import SAME_PLACE, spawn_points
+from mmw.traffic.spawn import spawn_points
+from mmw.traffic.spawn_grid import SAME_PLACE
 from mmw.worlds.importers.imported_scene import ImportedScene
 
 AROUND = 120.0

@@ -8,9 +8,11 @@ import numpy as np
 from mmw.config.traffic_engine import ENGINES, check_package, engine_spec
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
+from mmw.core.remember import remembered
 from mmw.traffic.cyclists import simulate_cyclists
 from mmw.traffic.demand import TrafficDemand, TrafficResult
 from mmw.traffic.pedestrians import simulate_pedestrians
+from mmw.traffic.roads.lane_graph import LaneGraph
 
 FAR_FROM_LANES = 500.0
 """A spawn center farther than this from every lane is a mistake [m]."""
@@ -59,6 +61,11 @@ def check_demand(demand: TrafficDemand) -> None:
         _check_center(demand)
 
 
+@remembered(size=4)
+def _lane_points(graph: LaneGraph) -> np.ndarray:
+    return np.concatenate([lane.points for lane in graph.lanes.values()])
+
+
 def _check_center(demand: TrafficDemand) -> None:
     town, center = demand.town, demand.traffic.spawn_center_m
     if not town.lanes.lanes:
@@ -67,7 +74,7 @@ def _check_center(demand: TrafficDemand) -> None:
             f"engine = {demand.traffic.engine!r}: {town.path} has no lanes below its root; generated traffic needs "
             f"them; use a town with lanes, or engine: {others}"
         )
-    points = np.concatenate([lane.points for lane in town.lanes.lanes.values()])
+    points = _lane_points(town.lanes)
     low, high = points.min(axis=0), points.max(axis=0)
     away = np.linalg.norm(points[:, :2] - center[:2], axis=1).min()
     if away > FAR_FROM_LANES:

@@ -61,13 +61,40 @@ def spline_at(values: np.ndarray, position: np.ndarray) -> np.ndarray:
             f"spline: positions {position.min():.2f}..{position.max():.2f} of {len(values)} samples; "
             f"they must stay {SPLINE_REACH} samples inside; lengthen the samples"
         )
-    fraction = position - first
     out = np.zeros((len(position), *np.shape(values)[1:]))
-    for step in range(1 - SPLINE_REACH, SPLINE_REACH + 1):
-        x = np.abs(fraction - step)
-        inner = 66 - 60 * x**2 + 30 * x**4 - 10 * x**5
-        middle = 51 + 75 * x - 210 * x**2 + 150 * x**3 - 45 * x**4 + 5 * x**5
-        outer = np.clip(3 - x, 0, None) ** 5
-        weight = np.where(x < 1, inner, np.where(x < 2, middle, outer)) / 120
+    steps = range(1 - SPLINE_REACH, SPLINE_REACH + 1)
+    for step, weight in zip(steps, spline_weights(position - first), strict=True):
         out += weight.reshape(-1, *[1] * (out.ndim - 1)) * values[first + step]
     return out
+
+
+def spline_weights(fraction: np.ndarray) -> np.ndarray:
+    """Return the weights of samples -2 to 3 about positions that are a fraction behind sample 0, shape [6, M].
+
+    Only the polynomial that holds is evaluated for each sample: powers are most of the cost.
+    """
+    x = np.abs(fraction - np.arange(1 - SPLINE_REACH, SPLINE_REACH + 1)[:, None])
+    weight = np.empty_like(x)
+    for rows, polynomial in zip((slice(2, 4), slice(1, 5, 3), slice(0, 6, 5)), _PIECES, strict=True):
+        weight[rows] = polynomial(x[rows].copy())
+    for row, piece, end in ((3, 1, 1.0), (1, 2, 2.0), (4, 2, 2.0)):  # where rounding, or a fraction of 0, ends a piece
+        at = np.flatnonzero(x[row] >= end)
+        if len(at):
+            weight[row, at] = _PIECES[piece](x[row, at])
+    return weight / 120
+
+
+def _inner(x: np.ndarray) -> np.ndarray:
+    return 66 - 60 * x**2 + 30 * x**4 - 10 * x**5
+
+
+def _middle(x: np.ndarray) -> np.ndarray:
+    return 51 + 75 * x - 210 * x**2 + 150 * x**3 - 45 * x**4 + 5 * x**5
+
+
+def _outer(x: np.ndarray) -> np.ndarray:
+    return np.clip(3 - x, 0, None) ** 5
+
+
+_PIECES = _inner, _middle, _outer
+"""Polynomials of the spline at distances below 1, 2 and 3, times 120."""

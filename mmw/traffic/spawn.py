@@ -1,6 +1,6 @@
 """Choose start positions, drivers, models, paints and connected vehicles: what all engines draw alike."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -13,6 +13,7 @@ from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.model_choice import draw_models, of_model
 from mmw.traffic.polyline import sample_polyline
 from mmw.traffic.roads.lane_graph import LaneGraph
+from mmw.traffic.spawn_grid import by_distance, grid_of, places_of
 from mmw.traffic.vehicle_pose import Shape
 
 SPACING = 12.0
@@ -26,9 +27,6 @@ GRID_HALF_LENGTH = 2.5
 
 START_GAP = 2.5
 """Least distance between bumpers at the start [m]."""
-
-SAME_PLACE = 2.6
-"""Points of two lanes nearer than this are one place [m]."""
 
 DRIVER_FACTOR = (0.85, 1.0)
 """Range of the drivers' share of the speed limit."""
@@ -100,9 +98,7 @@ def nearest_points(points: Sequence[SpawnPoint], center: Sequence[float], count:
     Raises:
         InputError: If there are fewer than `count` places.
     """
-    position = np.array([point.position for point in points]).reshape(-1, 3)
-    distance = np.linalg.norm(position - np.asarray(center, np.float64), axis=1)
-    chosen = _places(position, np.lexsort((np.arange(len(points)), distance)), count)
+    chosen = places_of(grid_of(points), by_distance(points, tuple(center)), count)
     if len(chosen) < count:
         raise InputError(f"vehicle_count = {count}: the town has {len(chosen)} spawn points; give at most that many")
     return [points[index] for index in chosen]
@@ -120,13 +116,13 @@ def drawn_points(
         InputError: If there are fewer places than vehicles.
     """
     traffic, count = demand.traffic, demand.traffic.vehicle_count
-    position = np.array([point.position for point in points]).reshape(-1, 3)
-    distance = np.linalg.norm(position - np.asarray(traffic.spawn_center_m, np.float64), axis=1)
+    grid = grid_of(points)
+    distance = grid.distance(traffic.spawn_center_m)
     inside = np.flatnonzero(distance <= radius)
     order = seeded(demand.seed, 0, 4).permutation(inside)
     cav_count = 0 if traffic.cav_pool else len(traffic.cav_ranks)
-    first = _spread_points(_places(position, inside), cav_count, demand.seed)
-    chosen = _places(position, [*first, *order], count)
+    first = _spread_points(places_of(grid, inside.tolist()), cav_count, demand.seed)
+    chosen = places_of(grid, [*first, *order.tolist()], count)
     if len(chosen) < count:
         raise InputError(
             f"vehicle_count = {count}: there are {len(chosen)} spawn points within vary.spawn.radius_m = {radius:g} of "
@@ -136,17 +132,6 @@ def drawn_points(
     if traffic.cav_pool:
         return [points[index] for index in ranked], connected_ranks(traffic, demand.seed)
     return [points[index] for index in ranked], tuple(sorted(map(ranked.index, chosen[:cav_count])))
-
-
-def _places(position: np.ndarray, order: Iterable[int], count: int | None = None) -> list[int]:
-    """Return the first points of an order that are not the same place as an earlier one, all or so many."""
-    chosen: list[int] = []
-    for index in order:
-        if len(chosen) == count:
-            break
-        if not (np.linalg.norm(position[chosen] - position[index], axis=1) < SAME_PLACE).any():
-            chosen.append(int(index))
-    return chosen
 
 
 def _spread_points(places: Sequence[int], count: int, seed: int) -> list[int]:
@@ -312,12 +297,13 @@ def _all_points(demand: TrafficDemand, usable: frozenset[str], chosen: list[Spaw
     """Yield the chosen points, then the others by their distance to the spawn center, within the radius if any."""
     yield from chosen
     points = spawn_points(demand.town.lanes, usable)
-    position = np.array([point.position for point in points]).reshape(-1, 3)
-    distance = np.linalg.norm(position - np.asarray(demand.traffic.spawn_center_m, np.float64), axis=1)
-    inside = distance <= (np.inf if demand.spawn is None else demand.spawn.radius_m)
-    order = [index for index in np.argsort(distance, kind="stable").tolist() if inside[index]]
-    first = [points.index(point) for point in chosen]
-    yield from (points[index] for index in _places(position, [*first, *order])[len(first) :])
+    grid, center = grid_of(points), tuple(demand.traffic.spawn_center_m)
+    order = by_distance(points, center)
+    if demand.spawn is not None:
+        inside = grid.distance(center) <= demand.spawn.radius_m
+        order = [index for index in order if inside[index]]
+    first = [grid.number[point] for point in chosen]
+    yield from (points[index] for index in places_of(grid, [*first, *order])[len(first) :])
 
 
 class Places:

@@ -11,7 +11,6 @@ from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.idm.simulation import simulate_idm, start_fleet
 from mmw.traffic.route import endless_lanes
 from mmw.traffic.spawn import (
-    SAME_PLACE,
     BlockedPointError,
     Placed,
     SpawnPoint,
@@ -23,6 +22,7 @@ from mmw.traffic.spawn import (
     spawn_points,
     vehicle_order,
 )
+from mmw.traffic.spawn_grid import SAME_PLACE
 from tests.fixtures.traffic_measures import measure
 from tests.fixtures.traffic_towns import CATALOG, demand, grid, surface
 

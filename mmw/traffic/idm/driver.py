@@ -22,6 +22,9 @@ HARDEST_BRAKING = 6.0
 JERK = 5.0
 """Limit of the change of acceleration [m/s^3]."""
 
+CLOSING = 2 * sqrt(ACCELERATION * BRAKING)
+"""Denominator of the term for the closing speed [m/s^2]."""
+
 PREVIEW = 0.5
 """A driver looks this far ahead in time at the speed that the road allows [s]."""
 
@@ -42,7 +45,7 @@ def follow_leader(speed: float, desired: float, headway: float, gap: float, lead
     free = max(ACCELERATION * (1 - (speed / desired) ** 4), -BRAKING)
     if gap == inf:
         return free
-    closing = speed * (speed - leader_speed) / (2 * sqrt(ACCELERATION * BRAKING))
+    closing = speed * (speed - leader_speed) / CLOSING
     target = STANDSTILL_GAP + max(0.0, speed * headway + closing)
     return free - ACCELERATION * (target / max(gap, 0.1)) ** 2
 
@@ -52,12 +55,16 @@ def desired_acceleration(car: Car, gap: float, leader_speed: float) -> float:
 
     Bends and stop lines set speeds at points ahead, followed with a preview.
     """
-    speed = car.speed
-    desired = follow_leader(speed, car.desired_speed(car.station), car.headway, gap, leader_speed)
-    ahead = car.station + speed * PREVIEW
-    desired = min(desired, (car.desired_speed(ahead) - speed) / PREVIEW)
+    speed, station = car.speed, car.station
+    desired = follow_leader(speed, car.desired_speed(station), car.headway, gap, leader_speed)
+    bend = (car.desired_speed(station + speed * PREVIEW) - speed) / PREVIEW
+    if bend < desired:
+        desired = bend
     left = car.stop_station() - car.front - speed * PREVIEW
-    desired = min(desired, (sqrt(2 * car.stop_braking * max(0.0, left)) - speed) / PREVIEW)
+    if left < inf:
+        stop = (sqrt(2 * car.stop_braking * max(0.0, left)) - speed) / PREVIEW
+        if stop < desired:
+            desired = stop
     return max(desired, -HARDEST_BRAKING)
 
 
@@ -79,8 +86,8 @@ def integrate(car: Car, desired: float) -> None:
     after = max(after, -sqrt(2 * JERK * car.speed))  # zero acceleration can be reached before the vehicle stops
     speed = car.speed + 0.5 * STEP * (before + after)
     if speed <= 0.0:
-        car.station += max(0.0, car.speed * STEP / 3)
+        car.stand_at(car.station + max(0.0, car.speed * STEP / 3))
         car.speed = car.acceleration = 0.0
         return
-    car.station += max(0.0, car.speed * STEP + STEP**2 * (2 * before + after) / 6)
+    car.stand_at(car.station + max(0.0, car.speed * STEP + STEP**2 * (2 * before + after) / 6))
     car.speed, car.acceleration = speed, after

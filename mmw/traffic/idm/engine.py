@@ -104,7 +104,7 @@ class IdmEngine:
         desired = [self._desire(index, leader) for index, leader in enumerate(leaders)]
         for index, (car, acceleration) in enumerate(zip(self.cars, desired, strict=True)):
             if car.left_at is not None:
-                car.station += STEP * car.speed  # it drives on, unseen, so that its last motion can be smoothed
+                car.stand_at(car.station + STEP * car.speed)  # unseen, so that its last motion can be smoothed
                 continue
             integrate(car, acceleration)
             car.stopped_time = car.stopped_time + STEP if car.speed < STANDING else 0.0
@@ -129,10 +129,11 @@ class IdmEngine:
             if car.left_at is not None:
                 continue
             first, last = car.occupied
+            rear, front, begins, lanes = car.rear, car.front, car.begins, car.lanes
             for segment in range(first, last + 1):
-                begin = car.begins[segment]
-                span = OccupiedSpan(car.rear - begin, car.front - begin, index, segment)
-                spans.setdefault(car.line.lanes[segment], []).append(span)
+                begin = begins[segment]
+                span = OccupiedSpan(rear - begin, front - begin, index, segment)
+                spans.setdefault(lanes[segment], []).append(span)
         return spans
 
     def _leader(self, index: int) -> Leader:
@@ -144,24 +145,25 @@ class IdmEngine:
         car = self.cars[index]
         if car.left_at is not None:
             return inf, 0.0, None
-        front = car.front
+        front, begins, lanes, spans = car.front, car.begins, car.lanes, self.spans
         horizon = front + 15.0 + car.speed * (car.headway + 1.0) + car.speed**2 / BRAKING
         first, last = car.ahead
         found: list[Leader] = []
         for segment in range(first, len(car.ends)):
-            begin = car.begins[segment]
+            begin = begins[segment]
             if begin > horizon:
                 break
+            others = spans.get(lanes[segment])
+            if others is None:
+                continue
             best: OccupiedSpan | None = None
-            for span in self.spans.get(car.line.lanes[segment], ()):
-                if span.vehicle == index or (best is not None and span.rear >= best.rear):
-                    continue
-                if segment <= last and span.front <= front - begin:
-                    continue
-                best = span
+            nearest, least = inf, front - begin if segment <= last else -inf
+            for span in others:
+                if span.rear < nearest and span.front > least and span.vehicle != index:
+                    best, nearest = span, span.rear
             if best is None:
                 continue
-            gap = begin + best.rear - front
+            gap = begin + nearest - front
             reach = car.shape.front + STANDSTILL_GAP
             if segment < last and car.change is not None and front + gap >= car.change.clear + reach:
                 continue
@@ -202,6 +204,9 @@ class IdmEngine:
             reservation for reservation in self.reservations if self.cars[reservation.vehicle].rear < reservation.end
         ]
         requests = []
+        # Vehicles with a reservation, and the exits that they have not reached.
+        reserved = {reservation.vehicle for reservation in self.reservations}
+        bound = {index: self._exits_ahead(self.cars[index]) for index in reserved}
         for index, car in enumerate(self.cars):
             if car.granted == len(car.passages):
                 continue
@@ -218,7 +223,7 @@ class IdmEngine:
             if isnan(passage.requested_at):
                 passage.requested_at = self.time
             lit = bool(lanes[0].signal and self.states)
-            has_room, will_have_room, before = self._room(index, passage)
+            has_room, will_have_room, before = self._room(index, passage, reserved, bound)
             waits = lit and turns_left(lanes[0])
             requests.append(Request(index, car.shape, passage, has_room, will_have_room, before, lit, waits))
         if requests:
@@ -232,13 +237,26 @@ class IdmEngine:
         if span is None:
             return False
         leader = self.cars[span.vehicle]
-        name = leader.line.lanes[span.segment]
+        name = leader.lanes[span.segment]
         segment = car.index_of(name)
         mine = car.stop_station() - car.begins[segment]
         return span.rear < mine and leader.stop_station() - leader.begins[span.segment] < mine + 0.5
 
-    def _room(self, index: int, passage: Passage) -> tuple[bool, bool, tuple[int, ...]]:
-        """Return whether there is room behind a junction now and once others have moved on, and these others."""
+    def _exits_ahead(self, car: Car) -> list[str]:
+        """Return the lanes behind the granted junctions whose exit a vehicle has not reached."""
+        return [one.exit_lane for one in car.passages[: car.granted] if one.exit_start > car.front]
+
+    def _room(
+        self, index: int, passage: Passage, reserved: set[int], bound: dict[int, list[str]]
+    ) -> tuple[bool, bool, tuple[int, ...]]:
+        """Return whether there is room behind a junction now and once others have moved on, and these others.
+
+        Args:
+            index: Vehicle that requests it.
+            passage: The junction.
+            reserved: Vehicles that have a reservation.
+            bound: Vehicle with a reservation -> lanes that it is bound for.
+        """
         if not passage.exit_lane:
             return True, True, ()
         car = self.cars[index]
@@ -251,11 +269,9 @@ class IdmEngine:
                 leader = self.cars[span.vehicle]
                 now = min(now, span.rear + leader.speed**2 / (2 * COAST))
                 soon = min(soon, span.rear) if leader.stopped_time > BLOCKED_AFTER else soon
-        for other in {reservation.vehicle for reservation in self.reservations} - inside:
-            leader = self.cars[other]
-            ahead = (other for other in leader.passages[: leader.granted] if other.exit_start > leader.front)
-            if any(other.exit_lane == passage.exit_lane for other in ahead):
+        for other in reserved - inside:
+            if passage.exit_lane in bound[other]:
                 inside.add(other)
-                now -= leader.shape.length + STANDSTILL_GAP
+                now -= self.cars[other].shape.length + STANDSTILL_GAP
         need = car.shape.length + ROOM
         return now >= need, soon >= need, tuple(sorted(inside - {index}))

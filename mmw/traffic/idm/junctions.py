@@ -235,16 +235,14 @@ def grant_requests(
             before += [reserved_exits[exit_lane]] if exit_lane in reserved_exits else []
             before += [] if request.has_room else request.occupants
         crowded = bool(before) or not (request.has_room or waited >= BLOCK_AFTER)
-        before += [
-            other.vehicle
-            for other in reservations
-            if other.vehicle != request.vehicle
-            and any(
-                station[other.vehicle] - other.start
-                <= table.last_conflict(other.name, other.shape, name, request.shape)
-                for name in names
-            )
-        ]
+        for other in reservations:
+            if other.vehicle == request.vehicle:
+                continue
+            gone = station[other.vehicle] - other.start
+            for name in names:
+                if gone <= table.last_conflict(other.name, other.shape, name, request.shape):
+                    before.append(other.vehicle)
+                    break
         before += [
             vehicle
             for other, shape, vehicle in reserved

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import inf
+from typing import NamedTuple
 
 from mmw.traffic.idm.junctions import Passage
 from mmw.traffic.roads.lane_graph import Lane, LaneGraph
@@ -52,7 +53,7 @@ class Car:
 
     plan: Plan
     station: float
-    """Front axle [m]."""
+    """Front axle [m]; `stand_at` changes it."""
     headway: float
     """IDM: time gap [s]."""
     factor: float = 1.0
@@ -82,32 +83,34 @@ class Car:
 
     def __post_init__(self) -> None:
         self.shape: Shape = self.plan.stance.track.shape
+        self._ahead, self._behind = self.shape.front, self.shape.behind
+        self.stand_at(self.station)
         self.follow(self.plan)
+
+    def stand_at(self, station: float) -> None:
+        """Put the front axle at a station [m]."""
+        self.station = station
+        self.front = station + self._ahead
+        """Station of the front bumper [m]."""
+        self.rear = station - self._behind
+        """Station of the rear bumper [m]."""
 
     def follow(self, plan: Plan) -> None:
         """Change to a plan that is the same behind the vehicle."""
         self.plan = plan
         self.line: Line = plan.stance.track.line
         self.begins = plan.begins
+        self.lanes = self.line.lanes
         self.ends: list[float] = self.line.ends.tolist()
         self.passages = plan.passages
         self.change = plan.change
 
-    @property
-    def front(self) -> float:
-        """Station of the front bumper [m]."""
-        return self.station + self.shape.front
-
-    @property
-    def rear(self) -> float:
-        """Station of the rear bumper [m]."""
-        return self.station - self.shape.behind
-
     def place(self) -> None:
         """Find the lanes under both bumpers."""
-        while self.segment + 1 < len(self.ends) and self.front >= self.ends[self.segment]:
+        ends = self.ends
+        while self.front >= ends[self.segment] and self.segment + 1 < len(ends):
             self.segment += 1
-        while self.rear_segment < self.segment and self.rear >= self.ends[self.rear_segment]:
+        while self.rear_segment < self.segment and self.rear >= ends[self.rear_segment]:
             self.rear_segment += 1
         if self.change is not None and self.rear >= self.change.end:
             self.change = None
@@ -137,24 +140,22 @@ class Car:
 
     def index_of(self, lane: str, first: int = 0) -> int:
         """Return the index of a lane that lies on the path, at `first` or later, and not before the vehicle's rear."""
-        return self.line.lanes.index(lane, max(first, min(self.occupied[0], self.ahead[0])))
+        return self.lanes.index(lane, max(first, min(self.occupied[0], self.ahead[0])))
 
     def stop_station(self) -> float:
         """Return the station where the front bumper has to stop [m]; inf if it need not."""
         if self.granted < len(self.passages):
             return self.passages[self.granted].stop
-        if self.plan.leaves:
-            return inf
-        return self.ends[-1] - STOP_SHORT
+        return inf if self.plan.leaves else self.ends[-1] - STOP_SHORT
 
     def desired_speed(self, station: float) -> float:
         """Return the speed that the road allows at a station of the front axle [m/s]."""
         limit = self.plan.limit
-        return limit[min(int((station + EXTENSION) / PATH_STEP), len(limit) - 1)]
+        at = int((station + EXTENSION) / PATH_STEP)
+        return limit[at] if at < len(limit) else limit[-1]
 
 
-@dataclass(frozen=True)
-class OccupiedSpan:
+class OccupiedSpan(NamedTuple):
     """A vehicle on a lane; stations from the start of the lane [m]."""
 
     rear: float

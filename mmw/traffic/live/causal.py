@@ -84,6 +84,22 @@ class LeanFilter:
         """Start `count` bodies at rest."""
         self._first, self._second = np.zeros((count, 2)), np.zeros((count, 2))
 
+    @staticmethod
+    def joined(parts: Sequence["LeanFilter"]) -> "LeanFilter":
+        """Return the filter of the bodies of all parts, one part after the other."""
+        out = LeanFilter(0)
+        out._first = np.concatenate([part._first for part in parts])
+        out._second = np.concatenate([part._second for part in parts])
+        return out
+
+    def give(self, parts: Sequence["LeanFilter"]) -> None:
+        """Give parts that were joined the state of their bodies."""
+        start = 0
+        for part in parts:
+            own = slice(start, start + len(part._first))
+            part._first, part._second = self._first[own].copy(), self._second[own].copy()
+            start = own.stop
+
     def take(self, acceleration: np.ndarray) -> np.ndarray:
         """Return the acceleration that leans each body after one more row of accelerations, shape [V, 2] [m/s^2]."""
         self._first += LEAN_SHARE * (acceleration - self._first)
@@ -102,6 +118,24 @@ class LeaningBodies:
         self._lift = np.array(lifts, dtype=np.float64).reshape(-1, 2)
         self._lean = LeanFilter(len(shapes))
         self._before: list[np.ndarray] = []
+
+    @staticmethod
+    def joined(parts: Sequence["LeaningBodies"]) -> "LeaningBodies":
+        """Return the bodies of all parts, one part after the other; all have had as many rows, or two and more."""
+        out = LeaningBodies(())
+        out._lift = np.concatenate([part._lift for part in parts])
+        out._lean = LeanFilter.joined([part._lean for part in parts])
+        out._before = [np.concatenate(rows) for rows in zip(*(part._before for part in parts), strict=True)]
+        return out
+
+    def give(self, parts: Sequence["LeaningBodies"]) -> None:
+        """Give parts that were joined the state of their bodies."""
+        self._lean.give([part._lean for part in parts])
+        start = 0
+        for part in parts:
+            own = slice(start, start + len(part._lift))
+            part._before = [row[own].copy() for row in self._before]
+            start = own.stop
 
     def poses(self, columns: np.ndarray) -> np.ndarray:
         """Return the poses of the next rows, shape [n, V, 7].

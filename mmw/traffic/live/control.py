@@ -63,7 +63,8 @@ class Control:
     @property
     def is_empty(self) -> bool:
         """Whether it commands nothing."""
-        return all(getattr(self, name) is None for name in self.__dataclass_fields__)
+        drives = self.acceleration_m_s2 is not None or self.target_speed_m_s is not None
+        return not drives and self.lane_change is None and self.steering_rad is None and self.pose is None
 
 
 _ALONE = {

@@ -1,8 +1,12 @@
 """Drive the vehicles of a live simulation with the IDM engine."""
 
+from collections.abc import Sequence
+from itertools import pairwise
+
 import numpy as np
 
 from mmw.core.constants import FRAME_DT
+from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.idm.driver import STEP
 from mmw.traffic.idm.simulation import start_fleet
@@ -11,10 +15,10 @@ from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import LiveEngine
 from mmw.traffic.live.live_vehicles import Seen
 from mmw.traffic.route import EXTENSION, PATH_STEP
-from mmw.traffic.smoothing import spline_at
+from mmw.traffic.smoothing import SPLINE_REACH, spline_weights
 
 SLAB = 8
-"""Samples of a path around a vehicle that its pose is interpolated from."""
+"""Samples of a path around a vehicle that a pose was interpolated from once; positions are still rounded with it."""
 
 
 class IdmVehicles:
@@ -61,42 +65,85 @@ class IdmVehicles:
     def drive(self, row: int, seen: Seen) -> np.ndarray:
         """Return the poses of all vehicles in the row after the last one, shape [V, 7]."""
         if not self._ready:
-            self._ready = list(self._drive_on(row, seen))
+            self.decide(row, seen)
+            self._ready = list(rows_after([self], row)[0])
         return self._ready.pop(0)
 
-    def _drive_on(self, row: int, seen: Seen) -> np.ndarray:
-        """Return the poses in a row and in those after it that need no further step of the engine, shape [n, V, 7].
-
-        Up to `ROWS_PER_STEP` rows are evaluated at once: a tenth of the calls of NumPy. No control can change them.
-        """
-        first = self._lead + row - REACH
-        steps = -((-(first + 2 * REACH)) // ROWS_PER_STEP)
-        while len(self._station) <= steps:
+    def decide(self, row: int, seen: Seen) -> None:
+        """Let the drivers decide as far as a row needs it."""
+        while len(self._station) <= self._step_needed(row):
             ahead = ((len(self._station) - 1) * ROWS_PER_STEP - self._lead - row) * FRAME_DT
             self._engine.place_bodies(seen(ahead))
             self._engine.step()
             self._station.append(self._stations())
             self._speed.append(self._speeds())
-        low = first // ROWS_PER_STEP
-        count = steps * ROWS_PER_STEP - (first + 2 * REACH) + 1
-        rows = hermite_rows(
-            np.array(self._station[low : steps + 1]),
-            np.array(self._speed[low : steps + 1]),
-            first - low * ROWS_PER_STEP,
-            2 * REACH + count,
-        )
-        station = np.stack([smooth_station(rows[k : k + 2 * REACH + 1]) for k in range(count)])
-        return self._bodies.poses(self._columns_at(station))
 
-    def _columns_at(self, station: np.ndarray) -> np.ndarray:
-        """Return the columns of the vehicles' stances at stations [n, V], shape [n, V, 6]; all in one evaluation."""
-        position = (station + EXTENSION) / PATH_STEP
-        whole = np.floor(position).astype(np.int64)
-        stances = [car.plan.stance.columns for car in self._engine.cars]
-        slabs = [
-            columns[at - 3 : at - 3 + SLAB]
-            for places in whole.tolist()
-            for columns, at in zip(stances, places, strict=True)
-        ]
-        at = SLAB * np.arange(len(slabs)) + 3 + (position - whole).reshape(-1)
-        return spline_at(np.concatenate(slabs).reshape(len(slabs) * SLAB, -1), at).reshape(*station.shape, -1)
+    def _step_needed(self, row: int) -> int:
+        """Return the step of the engine that the last of the stations about a row lies before, or is."""
+        return -((-(self._lead + row + REACH)) // ROWS_PER_STEP)
+
+    def phase(self, row: int) -> tuple[int, int]:
+        """Return first row after a step among those about a row, and how many rows need no further step.
+
+        Vehicles of one phase can be evaluated together.
+        """
+        first = self._lead + row - REACH
+        return first % ROWS_PER_STEP, self._step_needed(row) * ROWS_PER_STEP - (first + 2 * REACH) + 1
+
+    def _motion(self, row: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return stations and speeds at the steps about a row, shape [N, V] each."""
+        low, high = (self._lead + row - REACH) // ROWS_PER_STEP, self._step_needed(row) + 1
+        return np.array(self._station[low:high]), np.array(self._speed[low:high])
+
+
+def rows_after(vehicles: Sequence[IdmVehicles], row: int) -> list[np.ndarray]:
+    """Return the poses in a row and in those after it that need no further step of the engine, shape [n, V, 7] each.
+
+    Up to `ROWS_PER_STEP` rows of all vehicles of a phase are evaluated at once: a fraction of the calls of NumPy. No
+    control can change them. Poses are the same bits whatever is evaluated together.
+    """
+    (start, count), *others = dict.fromkeys(one.phase(row) for one in vehicles)
+    assert not others
+    motions = [one._motion(row) for one in vehicles]
+    station, speed = (np.concatenate(side, axis=1) for side in zip(*motions, strict=True))
+    rows = hermite_rows(station, speed, start, 2 * REACH + count)
+    ends = np.cumsum([0, *(len(one.shapes) for one in vehicles)]).tolist()
+    parts = [slice(*pair) for pair in pairwise(ends)]
+    smooth = np.empty((count, ends[-1]))
+    for part in parts:  # one by one: the last bits of a product of matrices depend on their size
+        for k in range(count):
+            smooth[k, part] = smooth_station(rows[k : k + 2 * REACH + 1, part])
+    bodies = [one._bodies for one in vehicles]
+    whole = LeaningBodies.joined(bodies)
+    poses = whole.poses(_columns_at(vehicles, parts, smooth))
+    whole.give(bodies)
+    return [poses[:, part] for part in parts]
+
+
+def _columns_at(vehicles: Sequence[IdmVehicles], parts: Sequence[slice], station: np.ndarray) -> np.ndarray:
+    """Return the columns of vehicles' stances at stations [n, V], shape [n, V, 6]; all in one evaluation."""
+    position = (station + EXTENSION) / PATH_STEP
+    whole = np.floor(position).astype(np.int64)
+    fraction = position - whole
+    for part in parts:  # counted through slabs of samples, as when each pose had its own: the last bits are those
+        slab = SLAB * np.arange(fraction[:, part].size).reshape(len(station), -1) + 3
+        at = slab + fraction[:, part]
+        below = np.floor(at)
+        fraction[:, part] = at - below
+        whole[:, part] += below.astype(np.int64) - slab
+    first, last = whole.min(axis=0).tolist(), whole.max(axis=0).tolist()
+    stances = [car.plan.stance.columns for one in vehicles for car in one._engine.cars]
+    slabs = []
+    for columns, low, high in zip(stances, first, last, strict=True):
+        if low < SPLINE_REACH - 1 or high > len(columns) - SPLINE_REACH - 1:
+            raise InputError(
+                f"path of {len(columns)} samples: a vehicle is at samples {low} to {high}, too near an end"
+            )
+        slabs.append(columns[low - SPLINE_REACH + 1 : high + SPLINE_REACH + 1])
+    starts = np.cumsum([0, *map(len, slabs[:-1])])
+    row = starts + SPLINE_REACH - 1 + whole - whole.min(axis=0)
+    samples, out = np.concatenate(slabs), np.zeros((*station.shape, 6))
+    steps = range(1 - SPLINE_REACH, SPLINE_REACH + 1)
+    for step, weight in zip(steps, spline_weights(fraction.reshape(-1)), strict=True):
+        out += weight.reshape(*station.shape, 1) * samples[row + step]
+    return out

@@ -118,7 +118,7 @@ class LiveEngine(IdmEngine):
             begin = car.begins[segment]
             if begin > horizon:
                 return None
-            spans = [span for span in self._blocked.get(car.line.lanes[segment], ()) if begin + span.front > car.front]
+            spans = [span for span in self._blocked.get(car.lanes[segment], ()) if begin + span.front > car.front]
             if spans:
                 first = min(spans, key=lambda span: span.rear)
                 return begin + first.rear - car.front, first.speed, None

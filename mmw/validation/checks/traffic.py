@@ -91,7 +91,7 @@ def _queue(
         place = SpawnPoint(lane_name, 0.5 * lane.plan_length, (0.0, 0.0, 0.0))
         car = fleet.add(Start(rank, place, False, *driver, generator))
         fleet.places.occupied.clear()  # each gets its route in the middle of the lane, then its place in the queue
-        car.station = front - car.shape.front
+        car.stand_at(front - car.shape.front)
         front -= car.shape.length + STANDSTILL_GAP
         cars.append(car)
     return IdmEngine(graph, cars, None, make_plans(graph, seed))

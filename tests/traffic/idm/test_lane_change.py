@@ -82,7 +82,7 @@ def test_safe_changes_never_make_the_follower_brake_hard(circuit):
     accepted = refused = 0
     for _ in range(300):
         me.speed, slow.speed, behind.speed = generator.uniform((4, 0.5, 0), (12, 4, 13))
-        behind.station = start + generator.uniform(0, 44)
+        behind.stand_at(start + generator.uniform(0, 44))
         if changes._consider(0, refreshed(alone), lane, "r0_f1") is None:
             continue  # it brings nothing, or does not fit
         desired = behind.desired_speed(behind.station)
