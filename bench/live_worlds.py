@@ -3,7 +3,8 @@
 `quickstart` with the LiDAR of the paper on `cav_1`, as `bench.live`, in several worlds of a `mmw.BatchedSimulation`.
 Every step of all worlds is timed from the controls to the last row on the host, after a warm-up: median, 99th
 percentile, world-steps a second over all steps (the drivers of all worlds decide in every fifth step, which is longer),
-and the mean time that the process had a core. Episodes start anew where their frames end.
+and the mean time that this process had a core; drivers may decide in others. Episodes start anew where their frames
+end.
 """
 
 import argparse
@@ -58,13 +59,14 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--device", default="cuda:0" if wp.get_cuda_device_count() else "cpu", help="cpu or cuda:N")
     parser.add_argument("--worlds", type=int, nargs="+", default=[1, 16, 64], help="numbers of worlds")
     parser.add_argument("--steps", type=int, default=50, help="timed steps of each line")
+    parser.add_argument("--processes", type=int, help="worker processes of the traffic; default: by cores and worlds")
     parser.add_argument("--look", nargs="+", choices=LOOKS, default=list(LOOKS), help="what is looked at")
     options = parser.parse_args(arguments)
     config = mmw.load_config("quickstart", ["frames.count=1000", "sensors=[{type: lidar, on: [cav_1]}]"])
     print(", ".join(f"{key} {value}" for key, value in machine(options.device).items()))
     print("worlds  looked at             median ms   99 % ms   world-steps/s    CPU ms")
     for count in options.worlds:
-        with mmw.BatchedSimulation(config, count, device=options.device) as simulation:
+        with mmw.BatchedSimulation(config, count, device=options.device, processes=options.processes) as simulation:
             start = time.perf_counter()
             simulation.reset()
             print(f"{count:6}  reset of all          {1e3 * (time.perf_counter() - start):9.1f}")

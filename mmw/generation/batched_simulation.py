@@ -13,10 +13,13 @@ from mmw.core.errors import InputError
 from mmw.dataset import Dataset
 from mmw.dataset.frame import Frame
 from mmw.generation.chosen_scenario import choose_scenario
-from mmw.generation.live.episode import Episode
+from mmw.generation.executors.process_pool import start_server
+from mmw.generation.live.episode import Episode, rows_at_start
 from mmw.generation.live.live_run import LiveRun
+from mmw.generation.live.traffic_processes import TrafficProcesses, is_daemon, process_count
 from mmw.generation.live.world_frames import WorldFrames, Worlds
 from mmw.traffic.live.control import Control
+from mmw.traffic.live.vehicle_server import ServedVehicles
 
 LOGGER = logging.getLogger(__name__)
 
@@ -30,6 +33,8 @@ class BatchedSimulation:
     Places (with `vary.spawn`), routes, drivers, lanes, controls and noise differ. World k has the rows of
     `mmw.Simulation(config, mode="live")` for the same configuration with the world's `seed`, and with `scene_seed` that
     of this one, bit for bit on the same kind of machine.
+
+    Drivers decide in worker processes where there are cores for them; the rows are the same.
 
     Nothing of a frame is traced before it is looked at. The first look at the channel or at a sensor in any world
     traces it for all, in one launch.
@@ -52,6 +57,7 @@ class BatchedSimulation:
         weather: str | None = None,
         base: str | os.PathLike[str] | None = None,
         device: str = "auto",
+        processes: int | None = None,
     ) -> None:
         """Load the town once, and start each world with its own seed: `seed` of the configuration, and those after it.
 
@@ -62,14 +68,21 @@ class BatchedSimulation:
             weather: One of its weathers; the first by default.
             base: Folder that relative paths of input files start from.
             device: `cpu`, `cuda:N`, or `auto`.
+            processes: Worker processes that the drivers decide in; 0 for this process. By default one for each core
+                that this process may use and for every 4 worlds, whichever are fewer; 0 instead of one.
 
         Raises:
             ConfigError: If the configuration or a file that it names cannot be used; one line for each problem.
             InputError: If there is no such scenario, weather or device, its traffic cannot be stepped, or the vehicles
                 find no places with a seed.
+            TrafficLostError: If a worker process dies.
         """
         if isinstance(worlds, bool) or not isinstance(worlds, int) or worlds < 1:
             raise InputError(f"worlds = {worlds!r}; a whole number from 1 is needed")
+        if processes is not None and (isinstance(processes, bool) or not isinstance(processes, int) or processes < 0):
+            raise InputError(f"processes = {processes!r}; a whole number from 0 is needed, or None")
+        if processes and is_daemon():
+            raise InputError(f"processes = {processes}: this process is a daemon, which may start none; give 0 or None")
         chosen = choose_scenario(config, scenario, weather, base, device)
         engine = chosen.scenario.traffic.engine if chosen.scenario.traffic else None
         if engine not in (None, "idm"):
@@ -86,6 +99,9 @@ class BatchedSimulation:
         """Name of the weather."""
         self.device = chosen.device
         """Warp device that traces."""
+        number = process_count(worlds) if processes is None else min(processes, worlds)
+        if number:
+            start_server()
         run = LiveRun(
             chosen.config, chosen.scenario, chosen.weather, chosen.base, chosen.place, chosen.device, max_frames=worlds
         )
@@ -93,15 +109,19 @@ class BatchedSimulation:
         """Numbers of the frames that an episode can have."""
         self._run = run
         self._name = f"batched simulation of {self.scenario}"
+        self._traffic: TrafficProcesses | None = None
         self._episodes: list[Episode] = []
+        self._vehicles: list[ServedVehicles] = []
         self._present: WorldFrames | None = None
         try:
             self._run.make()
             for note in self._run.new_notes():
                 LOGGER.warning("%s", note)
             self._worlds = Worlds(self._run.world, self.weather, self.scenario, self._name, LOGGER.warning)
-            first = self._run.episode
-            self._episodes = [first, *(self._run.start_episode(first.seed + k) for k in range(1, worlds))]
+            self._traffic = TrafficProcesses(self._name, self._run.world.demand, number)
+            first = self._run.episode.seed
+            started = self._start([(world, first + world) for world in range(worlds)])
+            self._episodes, self._vehicles = map(list, zip(*started, strict=True))
         except BaseException:
             self.close()
             raise
@@ -117,8 +137,13 @@ class BatchedSimulation:
         return len(self._episodes)
 
     def close(self) -> None:
-        """Free the device; frames that have been looked at stay usable, and closing again changes nothing."""
+        """Free the device and end all processes; frames that have been looked at stay usable.
+
+        Closing again changes nothing.
+        """
         self._run.close()
+        if self._traffic is not None:
+            self._traffic.close()
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -154,8 +179,9 @@ class BatchedSimulation:
             worlds: Worlds that start anew, to which `seeds` belong; by default all.
 
         Raises:
-            InputError: If a seed is none, there is no such world, or the simulation is closed. Nothing has changed
-                then.
+            InputError: If a seed is none, there is no such world, its vehicles find no places, or the simulation is
+                closed. Nothing has changed then.
+            TrafficLostError: If a worker process dies. The worlds that the message names need another reset.
         """
         chosen = self._chosen("reset", worlds)
         given = [None] * len(chosen) if seeds is None else list(seeds)
@@ -164,10 +190,31 @@ class BatchedSimulation:
             if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
                 raise InputError(f"{self._name}, world {world}: seed = {seed!r}; a whole number from 0 is needed")
         own = [self._episodes[k].seed if seed is None else seed for k, seed in zip(chosen, given, strict=True)]
-        for world, episode in zip(chosen, [self._run.start_episode(seed) for seed in own], strict=True):
-            self._episodes[world] = episode
+        started = self._start(list(zip(chosen, own, strict=True)))
+        for world, (episode, vehicles) in zip(chosen, started, strict=True):
+            self._vehicles[world].close()
+            self._episodes[world], self._vehicles[world] = episode, vehicles
         self._present = None
-        return [self.present[world] for world in chosen]
+        present = self.present
+        return [present[world] for world in chosen]
+
+    def _start(self, asked: Sequence[tuple[int, int]]) -> list[tuple[Episode, ServedVehicles]]:
+        """Return new episodes of worlds, each with a seed."""
+        assert self._traffic is not None
+        demands = [(world, self._run.world.demand_of(seed)) for world, seed in asked]
+        started = self._traffic.start(demands, rows_at_start(self.frames.start))
+        made = []
+        try:
+            for (world, seed), own in zip(asked, started, strict=True):
+                try:
+                    made.append(self._run.start_episode(seed, own))
+                except InputError as error:
+                    raise InputError(f"{self._name}, world {world}: {error}") from error
+        except BaseException:
+            for own in started:
+                own.vehicles.close()
+            raise
+        return [(episode, own.vehicles) for episode, own in zip(made, started, strict=True)]
 
     def step(
         self, controls: Sequence[Controls | None] | None = None, *, worlds: Sequence[int] | None = None
@@ -181,6 +228,8 @@ class BatchedSimulation:
         Raises:
             InputError: If an episode is over, there is no such world or actor, a control cannot be obeyed, or the
                 simulation is closed; the message names the world. No world has moved then.
+            TrafficLostError: If a worker process dies, or drivers fail; the message names the world. No world has
+                moved then, but those whose drivers were to decide have to be reset.
         """
         chosen = self._chosen("step", worlds)
         given = [None] * len(chosen) if controls is None else list(controls)
@@ -191,10 +240,30 @@ class BatchedSimulation:
                 self._episodes[world].traffic.check(own or {})
             except InputError as error:
                 raise InputError(f"{self._name}, world {world}: {error}") from error
-        for world, own in zip(chosen, given, strict=True):
-            self._episodes[world].step(own or {})
+        self._decide([(world, own or {}) for world, own in zip(chosen, given, strict=True)])
+        for world in chosen:
+            self._episodes[world].go_on()
         self._present = None
-        return [self.present[world] for world in chosen]
+        present = self.present
+        return [present[world] for world in chosen]
+
+    def _decide(self, controls: Sequence[tuple[int, Controls]]) -> None:
+        """Give worlds their controls, and let drivers decide where the next row needs it."""
+        assert self._traffic is not None
+        for world, _ in controls:
+            self._traffic.check(world, self._vehicles[world])
+        later, asked = [], []
+        for world, own in controls:
+            vehicles, traffic = self._vehicles[world], self._episodes[world].traffic
+            if vehicles.must_ask:
+                traffic.obey(own)
+                asked.append((world, vehicles, traffic))
+            else:
+                later.append((traffic, own))
+        if asked:
+            self._traffic.drive(asked)
+        for traffic, own in later:  # not before, as an error moves no world
+            traffic.obey(own)
 
     def save(self, world: int, out: str | os.PathLike[str], *, overwrite: bool = False) -> Dataset:
         """Write the frames of the present episode of a world as a dataset, as `mmw.Simulation.save` does.

@@ -67,6 +67,8 @@ class TrafficDemand:
 
         What was computed of town and models is shared.
         """
+        if (seed, fleet) == (self.seed, self.fleet):
+            return self
         scene_seed = None if fleet is None else self.seed_of_scene
         other = replace(self, seed=seed, scene_seed=scene_seed, fleet=fleet)
         vars(other).update(shapes=self.shapes, ground=self.ground)

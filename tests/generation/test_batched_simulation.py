@@ -1,6 +1,8 @@
 """Worlds stepped together: the rows of simulations of their own, bit for bit, and calls that are refused as a whole."""
 
 import gc
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,7 @@ from mmw import Control
 from mmw.channel.path_table import CarrierPaths
 from mmw.cli.verify import main as verify
 from mmw.core.errors import InputError
+from mmw.generation.live.traffic_processes import TrafficLostError
 from mmw.generation.live.world_frames import WorldFrames
 from tests.fixtures.live_config import SENSORS, TRAFFIC
 
@@ -179,6 +182,52 @@ def test_closed_simulation_is_refused_and_another_on_the_device_goes_on(config: 
 def test_number_of_worlds_is_checked(config: mmw.Config, worlds: int) -> None:
     with pytest.raises(InputError, match="whole number from 1"):
         mmw.BatchedSimulation(config, worlds, device="cpu")
+
+
+@pytest.mark.parametrize("processes", [-1, True, 1.5])
+def test_number_of_processes_is_checked(config: mmw.Config, processes: Any) -> None:
+    with pytest.raises(InputError, match="whole number from 0"):
+        mmw.BatchedSimulation(config, 2, device="cpu", processes=processes)
+
+
+@pytest.mark.filterwarnings("ignore:Implicitly cleaning up")  # one is let go without `close`
+@pytest.mark.slow
+def test_worlds_in_processes_are_those_of_this_one_and_survive_the_loss_of_a_process(config: mmw.Config) -> None:
+    own = config.model_copy(update={"sensors": ()})
+    with mmw.BatchedSimulation(own, 5, device="cpu") as here:
+        simulation = mmw.BatchedSimulation(own, 5, device="cpu", processes=2)
+        first = pids_of(simulation)
+        for k in range(12):
+            controls = [{"cav_1": Control(target_speed_m_s=2.0 + (k + world) % 9)} for world in range(5)]
+            simulation.step(controls)
+            here.step(controls)
+            assert simulation.table("poses") == here.table("poses")
+        before = simulation.present
+        os.kill(first[1], signal.SIGKILL)
+        with pytest.raises(TrafficLostError, match=r"worlds 1, 3: .*died by signal 9"):
+            for _ in range(6):
+                simulation.step()
+                here.step()
+                before = simulation.present
+        assert simulation.present[3] is before[3] and len({frame.frame for frame in simulation.present}) == 1
+        assert simulation.table("poses") == here.table("poses")
+        with pytest.raises(TrafficLostError, match=r"world 1: its traffic was lost before; reset it"):
+            simulation.step(worlds=[1])
+        for each in (simulation, here):
+            each.reset([7, 8, 9, 10, 11])
+            for _ in range(6):
+                each.step()
+        assert simulation.table("poses") == here.table("poses")
+        pids = {*first, *pids_of(simulation)}
+        del simulation, each, before
+        gc.collect()
+        assert len(pids) == 3 and not any(map(psutil.pid_exists, pids))
+
+
+def pids_of(simulation: mmw.BatchedSimulation) -> list[int]:
+    """Return the processes of the traffic."""
+    assert simulation._traffic is not None
+    return [child.pid for server in simulation._traffic._servers for child in server._children]
 
 
 @pytest.mark.slow

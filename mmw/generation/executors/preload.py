@@ -1,9 +1,10 @@
-"""Import the code of built-in sensors and of the IDM engine, which workers forked from the fork server then share.
+"""Import the code of built-in sensors and of the IDM engine, which processes forked from the fork server then share.
 
 A registry imports it when it is first used, which would otherwise take each worker about a second.
 """
 
-import mmw.generation.executors.local_processes  # noqa: F401
+import mmw.generation.executors.local_processes
+import mmw.generation.live.traffic_processes  # noqa: F401
 from mmw.config.sensor_spec import SENSORS
 from mmw.config.traffic_engine import ENGINES
 from mmw.core.registry import load_reference

@@ -49,7 +49,7 @@ class Episode:
         self._signs = QuaternionSigns(len(self._source))
         self._next = 0
         self._layout = first, id(data), self._column.tobytes(), self._source.tobytes()
-        self.traffic.advance(first + 2)
+        self.traffic.advance(rows_at_start(first))
 
     def step(self, controls: Mapping[str, Control | None]) -> int:
         """Go to the next frame, and return its number; controls hold until the next ones.
@@ -58,9 +58,13 @@ class Episode:
             InputError: If a control cannot be obeyed; nothing has changed then.
         """
         self.traffic.command(controls)
+        self.go_on()
+        return self.frame
+
+    def go_on(self) -> None:
+        """Go to the next frame with the controls that the traffic has."""
         self.frame += 1
         self.traffic.advance(self.frame + 2)
-        return self.frame
 
     def check_moving(self, call: str, name: str) -> None:
         """Check that an actor is no part of the town.
@@ -87,6 +91,11 @@ class Episode:
         start = max(frame - BEFORE, self.first - 1)
         own = self._rows[start - self.first + 1 : frame - self.first + 3]
         return replace(self._data, frames=range(start, frame + 2), poses=np.stack(own))
+
+
+def rows_at_start(first: int) -> int:
+    """Return how many rows of the traffic an episode needs for its first frame."""
+    return first + 2
 
 
 def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:

@@ -35,7 +35,7 @@ from mmw.storage.arrow_tables import table_from_columns
 from mmw.traffic.demand import TrafficDemand, VehicleTrack
 from mmw.traffic.drones import fly_drones
 from mmw.traffic.live.control import Control
-from mmw.traffic.live.live_traffic import LiveTraffic, check_live
+from mmw.traffic.live.live_traffic import LiveTraffic, Started, check_live
 from mmw.usd.vehicle_catalog import load_catalog
 
 STAGE_FRAMES = 2
@@ -70,17 +70,17 @@ class World:
             self.is_closed, self.shown, self.present = True, None, None
             self.folder.cleanup()
 
-    def traffic(self, seed: int, drones: Sequence[VehicleTrack]) -> LiveTraffic:
-        """Return traffic of a seed at its start, with the vehicles of this world.
+    def demand_of(self, seed: int) -> TrafficDemand:
+        """Return the demand for traffic of a seed, with the vehicles of this world."""
+        return self.demand.with_seed(seed, None if seed == self.demand.seed_of_scene else self.fleet)
+
+    def traffic(self, seed: int, drones: Sequence[VehicleTrack], started: Started | None) -> LiveTraffic:
+        """Return traffic of a seed at its start, with the vehicles of this world; `started` as of `LiveTraffic`.
 
         Raises:
             InputError: If the vehicles of this world find no places.
         """
-        demand = self.demand
-        fleet = None if seed == demand.seed_of_scene else self.fleet
-        if (seed, fleet) != (demand.seed, demand.fleet):
-            demand = demand.with_seed(seed, fleet)
-        traffic = LiveTraffic(demand, drones)
+        traffic = LiveTraffic(self.demand_of(seed), drones, started)
         if traffic.fleet != self.fleet:
             raise InputError(
                 f"seed = {seed}: places for {len(traffic.fleet)} of the scene's {len(self.fleet)} vehicles are left; "
@@ -199,15 +199,20 @@ class LiveRun:
             self._episode = episode
         return self.frame()
 
-    def start_episode(self, seed: int) -> Episode:
+    def start_episode(self, seed: int, started: Started | None = None) -> Episode:
         """Return traffic of a seed at its first frame, with the vehicles of the present world.
+
+        Args:
+            seed: The seed.
+            started: As of `LiveTraffic`.
 
         Raises:
             InputError: If the vehicles of this world find no places.
         """
         world = self.world
         with in_config(self._place):
-            return Episode(world.traffic(seed, self._drones(world.demand)), world.batch.arrays, self.frames.start, seed)
+            traffic = world.traffic(seed, self._drones(world.demand), started)
+            return Episode(traffic, world.batch.arrays, self.frames.start, seed)
 
     def _drones(self, demand: TrafficDemand) -> list[VehicleTrack]:
         return fly_drones(self._scenario.uavs, demand.frame_count)

@@ -1,7 +1,7 @@
 """Step the traffic of a scenario row by row, with controls, and keep all poses since the start."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,25 +34,27 @@ class LiveTraffic:
         rows: Rows of poses that are known.
     """
 
-    def __init__(self, demand: TrafficDemand, others: Sequence[VehicleTrack] = ()) -> None:
+    def __init__(
+        self, demand: TrafficDemand, others: Sequence[VehicleTrack] = (), started: "Started | None" = None
+    ) -> None:
         """Place all actors, and drive them up to row 0.
 
         Args:
             demand: The scenario; poses are known for at most `frame_count` rows.
             others: Actors with tracks of their own, such as drones.
+            started: What another process has started of this demand, whose vehicles are at row 0; None starts it here.
 
         Raises:
             InputError: If the engine cannot be stepped, or the demand cannot be met.
             MissingPackageError: If a library of the engine cannot be loaded.
         """
-        check_live(demand.traffic.engine)
-        check_demand(demand)
+        own = start_traffic(demand) if started is None else started
         self._demand = demand
-        vehicles: LiveVehicles = load_reference(engine_spec(demand.traffic.engine).live)(demand)
+        vehicles = own.vehicles
         self._vehicles, self.notes = vehicles, vehicles.notes
         self._ranks = vehicle_order(vehicles.cav_ranks, len(vehicles.shapes))
         who = [name_vehicle(position, len(vehicles.cav_ranks)) for position in range(len(self._ranks))]
-        self._fixed = [*simulate_pedestrians(demand), *simulate_cyclists(demand), *others]
+        self._fixed = [*own.people, *others]
         empty = np.zeros((0, 7))
         self._roster = [
             *(
@@ -69,8 +71,9 @@ class LiveTraffic:
         self.rows = 0
         self._presence = Presence(self._column)
         self._free: dict[str, FreeBody] = {}
-        for row in range(-SETTLE_ROWS, 0):
-            vehicles.drive(row, self._seen)
+        if started is None:
+            for row in range(-SETTLE_ROWS, 0):
+                vehicles.drive(row, self.seen)
 
     @property
     def poses(self) -> np.ndarray:
@@ -100,6 +103,10 @@ class LiveTraffic:
             InputError: If there is no such actor, or it cannot be controlled like this.
         """
         self.check(controls)
+        self.obey(controls)
+
+    def obey(self, controls: Mapping[str, Control | None]) -> None:
+        """Take controls that have been checked."""
         for name, control in controls.items():
             own = Control() if control is None else control
             column = self._column[name]
@@ -185,8 +192,9 @@ class LiveTraffic:
             raise InputError(f"{rows} rows; the demand has {len(self._poses)}; give it a longer frame_count")
         while self.rows < rows:
             row = self._poses[self.rows]
-            row[: len(self._ranks)] = self._vehicles.drive(self.rows, self._seen)[self._ranks]
-            row[[self._column[name] for name in self._presence.absent]] = np.nan
+            self._vehicles.drive(self.rows, self.seen).take(self._ranks, axis=0, out=row[: len(self._ranks)])
+            if self._presence.absent:
+                row[[self._column[name] for name in self._presence.absent]] = np.nan
             for name, body in self._free.items():
                 ground = self._demand.ground if self._column[name] < len(self._ranks) else None
                 stands = self._presence.stands(name, self.rows)
@@ -197,8 +205,37 @@ class LiveTraffic:
         """Free what the engine holds; poses that are known stay."""
         self._vehicles.close()
 
-    def _seen(self, time_s: float) -> list[Body]:
-        return [body.seen(time_s) for body in self._free.values()]
+    @property
+    def seen(self) -> "SeenBodies":
+        """Bodies that are on no route, as the vehicles see them in the next row."""
+        return SeenBodies(tuple(self._free.values()))
+
+
+@dataclass(frozen=True)
+class SeenBodies:
+    """Bodies that are on no route; a `Seen` that can be sent to another process."""
+
+    bodies: tuple[FreeBody, ...] = ()
+
+    def __call__(self, time_s: float) -> list[Body]:
+        return [body.seen(time_s) for body in self.bodies]
+
+
+@dataclass(frozen=True)
+class Started:
+    """Vehicles at their starts, and people on tracks that are known."""
+
+    vehicles: LiveVehicles
+    people: Sequence[VehicleTrack]
+    """Pedestrians and cyclists."""
+
+
+def start_traffic(demand: TrafficDemand) -> Started:
+    """Return the vehicles of a demand before row `-SETTLE_ROWS`, and its people; errors as of `LiveTraffic`."""
+    check_live(demand.traffic.engine)
+    check_demand(demand)
+    vehicles: LiveVehicles = load_reference(engine_spec(demand.traffic.engine).live)(demand)
+    return Started(vehicles, [*simulate_pedestrians(demand), *simulate_cyclists(demand)])
 
 
 def check_live(engine: str) -> None:
