@@ -18,6 +18,7 @@ Source: L. Verlet, Phys. Rev. 159 (1967); rotation vectors as in J. Solà (2017)
 """
 
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,12 +57,50 @@ def differentiate(poses: np.ndarray, dt: float = FRAME_DT) -> Motion:
         return _differentiate_interval(poses, dt)
     bodies = poses.reshape(len(poses), math.prod(poses.shape[1:-1]), 7)
     out = np.full((4, len(poses), bodies.shape[1], 3), np.nan)
-    for body, presence in enumerate(is_present.reshape(bodies.shape[:2]).T):
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], presence, [False]])))
-        for start, stop in edges.reshape(-1, 2):
-            motion = _differentiate_interval(bodies[start:stop, body], dt)
-            out[:, start:stop, body] = motion.velocity, motion.acceleration, motion.body_rate, motion.world_rate
+    for start, stop, alike in _intervals(is_present.reshape(bodies.shape[:2])):
+        motion = _differentiate_interval(bodies[start:stop, alike], dt, extend_each)
+        out[:, start:stop, alike] = motion.velocity, motion.acceleration, motion.body_rate, motion.world_rate
     return Motion(*out.reshape(4, *poses.shape[:-1], 3))
+
+
+def _intervals(presence: np.ndarray) -> Iterator[tuple[int, int, list[int]]]:
+    """Yield intervals of presence, shape [F, N]: first frame, one past the last, and the bodies that have it."""
+    alike: dict[bytes, list[int]] = {}
+    for body, own in enumerate(presence.T):
+        alike.setdefault(own.tobytes(), []).append(body)
+    for bodies in alike.values():
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], presence[:, bodies[0]], [False]])))
+        for start, stop in edges.reshape(-1, 2).tolist():
+            yield start, stop, bodies
+
+
+def differentiate_row(poses: np.ndarray, row: int, dt: float = FRAME_DT) -> Motion:
+    """Return the derivatives at one frame, bit for bit those of `differentiate`, which looks at all of them.
+
+    Args:
+        poses: Body-to-world in consecutive frames, shape [F, ..., 7], float64; NaN where absent.
+        row: Row of `poses`, neither the first nor the last.
+        dt: Time between frames [s].
+
+    Returns:
+        Derivatives, shape [..., 3].
+    """
+    around = poses[row - 1 : row + 2]
+    is_present = np.asarray(np.isfinite(around).all(axis=-1))
+    if (is_present == is_present[1]).all():
+        q = normalize(around[..., 3:])
+        motion, row = _central(around[..., :3], q[1:2], _interval_rates(q, dt), dt), 0
+    else:
+        motion = differentiate(poses, dt)
+    return Motion(motion.velocity[row], motion.acceleration[row], motion.body_rate[row], motion.world_rate[row])
+
+
+def placed(motion: Motion, rows: int | slice, count: int) -> Motion:
+    """Return derivatives of shape [count, ..., 3] with given ones in some rows; NaN in the others."""
+    given = (motion.velocity, motion.acceleration, motion.body_rate, motion.world_rate)
+    out = np.full((len(given), count, *given[0].shape[-2:]), np.nan)
+    out[:, rows] = given
+    return Motion(*out)
 
 
 REACH_FRAMES = 4
@@ -95,25 +134,39 @@ def differentiate_rows(
     return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
 
 
-def _differentiate_interval(poses: np.ndarray, dt: float) -> Motion:
+def _differentiate_interval(
+    poses: np.ndarray, dt: float, extended: Callable[[np.ndarray], np.ndarray] | None = None
+) -> Motion:
     q = normalize(poses[..., 3:])
-    position = extend(poses[..., :3])
+    rates = _interval_rates(q, dt)
+    if len(rates) == 0:
+        rates = np.zeros((2, *q.shape[1:-1], 3))
+    else:
+        second = min(1, len(rates) - 1)
+        before = 2.0 * rates[0] - rates[second]
+        after = 2.0 * rates[-1] - rates[-1 - second]
+        rates = np.concatenate([before[None], rates, after[None]])
+    return _central((extended or extend)(poses[..., :3]), q, rates, dt)
+
+
+def _interval_rates(q: np.ndarray, dt: float) -> np.ndarray:
+    """Return the mean body rate between neighboring frames, shape [F - 1, ..., 3]."""
+    return quaternion_log(multiply(conjugate(q[:-1]), q[1:])) / dt
+
+
+def _central(position: np.ndarray, q: np.ndarray, interval_rate: np.ndarray, dt: float) -> Motion:
+    """Return the derivatives at F frames: positions of F + 2, attitudes of F, rates of the F + 1 intervals between."""
     velocity = (position[2:] - position[:-2]) / (2.0 * dt)
     acceleration = (position[2:] - 2.0 * position[1:-1] + position[:-2]) / dt**2
-    interval_rate = quaternion_log(multiply(conjugate(q[:-1]), q[1:])) / dt
-    if len(interval_rate) == 0:
-        body_rate = np.zeros_like(velocity)
-    else:
-        second = min(1, len(interval_rate) - 1)
-        before = 2.0 * interval_rate[0] - interval_rate[second]
-        after = 2.0 * interval_rate[-1] - interval_rate[-1 - second]
-        interval_rate = np.concatenate([before[None], interval_rate, after[None]])
-        body_rate = 0.5 * (interval_rate[:-1] + interval_rate[1:])
+    body_rate = 0.5 * (interval_rate[:-1] + interval_rate[1:])
     return Motion(velocity, acceleration, body_rate, rotate(q, body_rate))
 
 
-EXTRAPOLATION = {1: (1.0,), 2: (2.0, -1.0), 3: (3.0, -3.0, 1.0), 4: (4.0, -6.0, 4.0, -1.0)}
-"""Weights of the first n samples that extrapolate their polynomial (degree n - 1) one step backward."""
+EXTRAPOLATION = {
+    count: np.array([weights])
+    for count, weights in {1: (1.0,), 2: (2.0, -1.0), 3: (3.0, -3.0, 1.0), 4: (4.0, -6.0, 4.0, -1.0)}.items()
+}
+"""Weights of the first n samples that extrapolate their polynomial (degree n - 1) one step backward, shape [1, n]."""
 
 
 def extend(series: np.ndarray) -> np.ndarray:
@@ -121,7 +174,14 @@ def extend(series: np.ndarray) -> np.ndarray:
     return np.concatenate([_one_before(series)[None], series, _one_before(series[::-1])[None]])
 
 
+def extend_each(series: np.ndarray) -> np.ndarray:
+    """Return `extend` of a series [F, N, 3] body by body: sums of all bodies at once may round otherwise."""
+    bodies = [series[:, body] for body in range(series.shape[1])]
+    ends = [[_one_before(own) for own in bodies], [_one_before(own[::-1]) for own in bodies]]
+    return np.concatenate([ends[:1], series, ends[1:]])
+
+
 def _one_before(series: np.ndarray) -> np.ndarray:
-    count = min(len(series), 4)
+    first, count = series[0], min(len(series), 4)
     # The weights sum to one; with differences to the first sample, a body at rest is exactly at rest.
-    return series[0] + np.tensordot(np.array(EXTRAPOLATION[count]), series[:count] - series[0], axes=1)
+    return first + np.dot(EXTRAPOLATION[count], (series[:count] - first).reshape(count, -1)).reshape(first.shape)

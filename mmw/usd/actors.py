@@ -5,12 +5,13 @@ from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
-from pxr import Gf, Usd, UsdGeom, Vt
+from pxr import Usd, UsdGeom
 
 from mmw.core.errors import InputError
-from mmw.core.transforms import continuous, quaternion_from_matrix
+from mmw.core.transforms import continuous, cross, dot, length, quaternion_from_matrix
 from mmw.usd.builtin_shapes import SHAPES
 from mmw.usd.meshes import MAX_NUMBER_M, FoundMesh, MeshReader, semantic_label
+from mmw.usd.orient_matrices import orient_matrices
 from mmw.usd.prim_values import ancestors, attribute_value, decimals
 
 ROLES = ("cav", "vehicle", "rsu", "pedestrian", "vru", "uav", "bs")
@@ -179,14 +180,11 @@ def poses_read_back(poses: np.ndarray) -> np.ndarray:
         Shape [V, 7]; the signs of quaternions are those of `quaternion_from_matrix`.
     """
     out = np.full(poses.shape, np.nan)
-    there = np.flatnonzero(np.isfinite(poses).all(axis=1))
-    rotations = map(Gf.Rotation, Vt.QuatdArray.FromNumpy(np.ascontiguousarray(poses[there, 3:])))
-    origin = Gf.Vec3d(0.0)
-    # As UsdGeomXformOp does; one at a time takes twice as long.
-    matrices = np.array(Vt.Matrix4dArray([Gf.Matrix4d(rotation, origin) for rotation in rotations])).reshape(-1, 4, 4)
-    out[there, :3] = poses[there, :3]
-    rigid = _orthonormal(matrices[None, :, :3, :3], [])[0]
-    out[there, 3:] = quaternion_from_matrix(np.swapaxes(rigid, -1, -2))
+    there = np.isfinite(poses).all(axis=1)
+    found = poses if there.all() else poses[there]
+    rigid = _orthonormal(orient_matrices(found[:, 3:])[None], [])[0]
+    turns = quaternion_from_matrix(np.swapaxes(rigid, -1, -2))
+    out[there] = np.concatenate([found[:, :3], turns], axis=1)
     return out
 
 
@@ -194,13 +192,13 @@ def _orthonormal(linear: np.ndarray, actors: list[FoundActor]) -> np.ndarray:
     """Return the rotation part of row-vector matrices [F, V, 3, 3]: rows made orthonormal in order, right-handed."""
     x = linear[..., 0, :]
     y = linear[..., 1, :]
-    lengths = np.linalg.norm(x, axis=-1, keepdims=True)
-    y = y - x * (np.sum(x * y, axis=-1, keepdims=True) / np.maximum(lengths, 1e-300) ** 2)
-    widths = np.linalg.norm(y, axis=-1, keepdims=True)
+    lengths = length(x)
+    y = y - x * (dot(x, y) / np.maximum(lengths, 1e-300) ** 2)
+    widths = length(y)
     for column in np.flatnonzero((np.minimum(lengths, widths) < 1e-12).any(axis=(0, 2))):
         raise InputError(f"{actors[column].path}: its scale is zero; an actor needs a size; set the scale")
     x, y = x / lengths, y / widths
-    return np.stack([x, y, np.cross(x, y)], axis=-2)
+    return np.stack([x, y, cross(x, y)], axis=-2)
 
 
 def _moves(prim: Usd.Prim) -> bool:

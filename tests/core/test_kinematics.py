@@ -8,7 +8,7 @@ import warp as wp
 
 from mmw.config import MountConfig
 from mmw.core.constants import FRAME_DT
-from mmw.core.kinematics import differentiate
+from mmw.core.kinematics import Motion, differentiate, differentiate_row, placed
 from mmw.core.transforms import (
     invert,
     make_pose,
@@ -73,6 +73,48 @@ def turning_boxes(seed: int = 0, count: int = 6) -> tuple[SceneData, np.ndarray,
     poses = moving_poses(start, velocity, rate, FRAME_DT * np.arange(FRAMES))
     actors = [(f"veh_{k}", "vehicle", 0) for k in range(count)]
     return arrays_from_parts([ground_part()], [box_model("box")], actors, poses), start, velocity, rate
+
+
+def random_poses(frames: int, bodies: int) -> np.ndarray:
+    """Return unrelated poses, shape [F, N, 7]."""
+    rng = np.random.default_rng(7)
+    return make_pose(rng.normal(size=(frames, bodies, 3)), normalize(rng.normal(size=(frames, bodies, 4))))
+
+
+def is_same(one: Motion, other: Motion, at: tuple) -> bool:
+    """Return whether derivatives at some frames and bodies have the same bits."""
+    return all(getattr(one, name)[at].tobytes() == getattr(other, name)[at].tobytes() for name in vars(one))
+
+
+def test_absent_bodies_leave_the_others_as_they_are() -> None:
+    """Each interval of presence has the bits that it has alone; bodies with the same intervals are taken together."""
+    poses = random_poses(9, 8)
+    poses[:, 2], poses[:3, 3], poses[4, 4], poses[1:, 5], poses[:3, 6] = (np.nan,) * 5
+    found = differentiate(poses)
+    for body, intervals in enumerate(
+        [[(0, 9)], [(0, 9)], [], [(3, 9)], [(0, 4), (5, 9)], [(0, 1)], [(3, 9)], [(0, 9)]]
+    ):
+        expected = np.full((9, 3), np.nan)
+        for start, stop in intervals:
+            alone = differentiate(poses[start:stop, body])
+            assert is_same(
+                Motion(*(getattr(found, name)[start:stop, body] for name in vars(found))), alone, (slice(None),)
+            )
+            expected[start:stop] = alone.velocity
+        assert np.array_equal(found.velocity[:, body], expected, equal_nan=True)
+
+
+def test_one_frame_has_the_bits_of_all() -> None:
+    """Bodies that come or go about the frame are at the ends of their intervals."""
+    poses = random_poses(9, 6)
+    for absent in (np.s_[:0, :0], np.s_[:, 2], np.s_[:4, 3], np.s_[5:, 4]):
+        poses[absent] = np.nan
+        one, all_frames = differentiate_row(poses, 4), differentiate(poses)
+        assert is_same(one, Motion(*(getattr(all_frames, name)[4] for name in vars(one))), (slice(None),))
+        rows = placed(one, 4, 9)
+        assert is_same(rows, all_frames, (4,)) and np.isnan(np.delete(rows.velocity, 4, axis=0)).all()
+    assert np.isnan(one.velocity[2]).all() and np.isfinite(one.velocity[[0, 1, 3, 4, 5]]).all()
+    assert is_same(differentiate_row(poses[3:6, :2], 1), one, ([0, 1],))
 
 
 def test_every_point_moves_as_its_finite_difference(device: str) -> None:

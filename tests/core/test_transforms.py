@@ -16,6 +16,15 @@ def random_poses(count: int, seed: int = 0) -> np.ndarray:
     )
 
 
+def test_products_and_lengths_have_the_bits_of_numpy() -> None:
+    """Over few components NumPy adds in their order."""
+    a, b = np.random.default_rng(0).normal(size=(2, 7, 50, 4)) * 10.0 ** np.arange(-150, 50, 4)[:, None]
+    for last in (3, 4):
+        one, other = a[..., :last], b[..., :last]
+        assert poses.dot(one, other).tobytes() == np.sum(one * other, axis=-1, keepdims=True).tobytes()
+        assert poses.length(one).tobytes() == np.linalg.norm(one, axis=-1, keepdims=True).tobytes()
+
+
 def test_rotation_equals_its_matrix() -> None:
     q, v = random_quaternions(50), np.random.default_rng(1).normal(size=(50, 3))
     matrix = poses.quaternion_to_matrix(q)
