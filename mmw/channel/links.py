@@ -80,7 +80,7 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, 
         ValueError: If the scene does not cover a frame.
     """
     table, mount = _plan(arrays.actors, config)
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    rows = arrays.frame_rows(frames)
     is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     batch_index, row = np.nonzero(is_here[:, table[:, 1]] & is_here[:, table[:, 2]])
     kind, tx_actor, rx_actor, tx_antenna, rx_antenna = table[row].T

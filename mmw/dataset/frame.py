@@ -1,6 +1,7 @@
 """Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable, Collection
+from copy import copy
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import SimpleNamespace
@@ -325,9 +326,9 @@ class Frame:
     @cached_property
     def agents(self) -> dict[str, Agent]:
         """Name -> agent, connected vehicles and roadside units that are there."""
-        rows = self.rows("poses")
+        rows, own = self.rows("poses"), copy(self)  # agents of this very frame would keep it from being freed at once
         return {
-            row["agent"]: Agent(self, row["agent"], row["role"], row, pose)
+            row["agent"]: Agent(own, row["agent"], row["role"], row, pose)
             for row, pose in zip(rows, poses_from_rows(rows), strict=True)
         }
 

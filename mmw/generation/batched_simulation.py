@@ -15,6 +15,7 @@ from mmw.dataset.frame import Frame
 from mmw.generation.chosen_scenario import choose_scenario
 from mmw.generation.executors.process_pool import start_server
 from mmw.generation.live.episode import Episode, rows_at_start
+from mmw.generation.live.frame_tables import LiveFrame
 from mmw.generation.live.live_run import LiveRun
 from mmw.generation.live.traffic_processes import TrafficProcesses, is_daemon, process_count
 from mmw.generation.live.world_frames import WorldFrames, Worlds
@@ -113,6 +114,7 @@ class BatchedSimulation:
         self._episodes: list[Episode] = []
         self._vehicles: list[ServedVehicles] = []
         self._present: WorldFrames | None = None
+        self._frames: list[LiveFrame] = []
         try:
             self._run.make()
             for note in self._run.new_notes():
@@ -153,7 +155,8 @@ class BatchedSimulation:
     @property
     def present(self) -> list[Frame]:
         """The present frame of each world."""
-        return list(self._look("present").frames)
+        self._look("present")
+        return list(self._frames)
 
     def paths(self, carrier_hz: float) -> CarrierPaths:
         """Return the paths of all links of all worlds at a carrier [Hz]; `frame` of their keys counts the worlds.
@@ -284,6 +287,7 @@ class BatchedSimulation:
         self._run.check_open(method)
         if self._present is None:
             self._present = WorldFrames(self._worlds, self._episodes)
+            self._frames = self._present.frames()
         return self._present
 
     def _chosen(self, method: str, worlds: Sequence[int] | None) -> list[int]:

@@ -124,8 +124,11 @@ def trace_work(
 
 def join_batches(name: str, scenario: str, weather: str, batches: Sequence[Any]) -> pa.Table:
     """Return the batches of a table as one Arrow table, sorted by its key."""
-    ended = [columns.result() if isinstance(columns, Future) else columns for columns in batches]
-    fixed = {"scenario": scenario, **({"weather": weather} if table_spec(name).by_weather else {})}
+    spec, ended = (
+        table_spec(name),
+        [columns.result() if isinstance(columns, Future) else columns for columns in batches],
+    )
+    fixed = {"scenario": scenario, **({"weather": weather} if spec.by_weather else {})}
     parts = [unsorted_table(name, {**fixed, **resolved(columns)}) for columns in ended]
     whole = parts[0] if len(parts) == 1 else pa.concat_tables(parts).unify_dictionaries().combine_chunks()
-    return sort_rows(table_spec(name), whole)
+    return sort_rows(spec, whole)

@@ -11,7 +11,7 @@ from mmw.core.bvh import build_bvhs
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.packed_arrays import PackedArrays
 from mmw.core.remember import remembered
-from mmw.core.transforms import make_pose, normalize
+from mmw.core.transforms import IDENTITY_POSE, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
 from mmw.scene.foliage import MESH, has_same_crowns, optical_arrays
@@ -134,14 +134,12 @@ class DeviceScene:
         return len(self.batch_frames)
 
     def _differentiate(self, motion: Motion | None = None) -> None:
-        # Of the whole recording, once, so that derivatives do not depend on the batch.
+        """Keep the derivatives of the whole recording, so that they do not depend on the batch."""
+        columns = self.instance_actor
         if motion is None:
-            motion = differentiate(self.arrays.poses[:, self.instance_actor], self.arrays.pose_dt)
-            self._velocity, self._rate = motion.velocity, motion.world_rate
-        else:
-            self._velocity, self._rate = (
-                values[:, self.instance_actor] for values in (motion.velocity, motion.world_rate)
-            )
+            motion = differentiate(self.arrays.poses[:, columns], self.arrays.pose_dt)
+            columns = np.arange(len(columns))
+        self._derivatives = motion.velocity, motion.world_rate, columns
 
     def replace_arrays(self, arrays: SceneData, motion: Motion | None = None) -> None:
         """Take other frames, poses, materials or actors without geometry; `load_batch` must follow.
@@ -293,28 +291,30 @@ class DeviceScene:
         """
         if not 1 <= len(frames) <= self.max_batch_frames:
             raise ValueError(f"batch of {len(frames)} frames; this scene holds 1 to {self.max_batch_frames} at a time")
-        rows = [self.arrays.frame_row(int(frame)) for frame in frames]
+        rows = self.arrays.frame_rows(frames)
         self.batch_frames = tuple(int(frame) for frame in frames)
         self._load_poses(rows)
         if self._optical is not None:  # its arrays of poses are these
             self._optical.batch_frames, self._optical.sweep_s = self.batch_frames, self.sweep_s
             self._optical._instances, self._optical.struct.instances = self._instances, self.struct.instances
 
-    def _load_poses(self, rows: Sequence[int]) -> None:
+    def _load_poses(self, rows: np.ndarray) -> None:
         if self.struct.instance_count == 0:
             return
-        pose, count = self.arrays.poses[rows][:, self.instance_actor], len(rows)
+        count, at = len(rows), rows[:, None]
+        pose = self.arrays.poses[at, self.instance_actor]
         is_here = np.asarray(np.isfinite(pose).all(axis=2))
-        pose = make_pose(pose[..., :3] - self.origin, normalize(pose[..., 3:]))
+        velocity, rate, columns = self._derivatives
+        found = [pose[..., :3] - self.origin, normalize(pose[..., 3:]), velocity[at, columns], rate[at, columns]]
+        rest = [0.0, IDENTITY_POSE[3:], 0.0, 0.0]
+        if not is_here.all():
+            found = [np.where(is_here[..., None], values, other) for values, other in zip(found, rest, strict=True)]
         if self._copied is not None:  # what is overwritten has been copied to the device
             wp.synchronize_event(self._copied)
-        poses, velocity, rate, is_present = self._motion.host
-        is_present[:count], is_present[count:] = is_here, False
-        poses[:] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-        poses[:count][is_here] = pose[is_here]
-        for derivative, target in ((self._velocity, velocity), (self._rate, rate)):
-            target[count:] = 0.0
-            target[:count] = np.where(is_here[..., None], derivative[rows], 0.0)
+        pose, *derivatives, is_present = self._motion.host
+        targets = [pose[..., :3], pose[..., 3:], *derivatives, is_present]
+        for target, values, other in zip(targets, [*found, is_here], [*rest, False], strict=True):
+            target[:count], target[count:] = values, other
         self._motion.upload()
         if wp.get_device(self.device).is_cuda:
             self._copied = wp.get_stream(self.device).record_event(self._copied)

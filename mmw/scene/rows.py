@@ -27,23 +27,21 @@ from mmw.storage.table_spec import F64, list_of
 
 def frame_rows(arrays: SceneData, frames: Sequence[int], seed: int) -> Columns:
     """Return the `frames` table: one row a frame."""
-    rows = [arrays.frame_row(frame) for frame in frames]
-    is_present = np.all(np.isfinite(arrays.poses[rows]), axis=2)
-    counted = _counted(arrays.actors)
-    frame = np.asarray(frames, dtype=np.int32)
+    rows = arrays.frame_rows(frames)
+    is_present = np.isfinite(arrays.poses[rows]).all(axis=2)
     return {
-        "frame": frame,
+        "frame": np.asarray(frames, dtype=np.int32),
         "time_s": arrays.numbers(frames) / arrays.rate_hz,
-        **{name: is_present[:, counted[name]].sum(axis=1) for name in COUNTED},
+        **split(COUNTED, is_present @ _counted(arrays.actors)),
         "seed": np.array(arrays.seeds(frames, seed)),
     }
 
 
 @remembered()
-def _counted(actors: tuple[Actor, ...]) -> dict[str, np.ndarray]:
-    """Return which actors each column of `frames` counts, shape [V], bool."""
+def _counted(actors: tuple[Actor, ...]) -> np.ndarray:
+    """Return 1 where a column of `COUNTED` counts an actor, else 0, shape [V, C], int64."""
     columns = [counted_in(actor.role, actor.label) for actor in actors]
-    return {name: np.array([name in own for own in columns], dtype=bool) for name in COUNTED}
+    return np.array([[name in own for name in COUNTED] for own in columns], dtype=np.int64).reshape(-1, len(COUNTED))
 
 
 @remembered()
@@ -54,13 +52,12 @@ def _agents(actors: tuple[Actor, ...]) -> np.ndarray:
 
 def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Columns:
     """Return the `poses` table: every agent that is present."""
-    rows = np.array([arrays.frame_row(frame) for frame in frames])
-    agents = _agents(arrays.actors)
+    rows, agents = arrays.frame_rows(frames), _agents(arrays.actors)
     row, actor = np.repeat(rows, len(agents)), np.tile(agents, len(rows))
-    frame = np.repeat(np.asarray(frames, dtype=np.int32), len(agents))
-    keep = np.isfinite(arrays.poses[row, actor]).all(axis=1)
-    row, actor, frame = row[keep], actor[keep], frame[keep]
-    pose = arrays.poses[row, actor]
+    frame, pose = np.repeat(np.asarray(frames, dtype=np.int32), len(agents)), arrays.poses[row, actor]
+    keep = np.isfinite(pose).all(axis=1)
+    if not keep.all():
+        row, actor, frame, pose = row[keep], actor[keep], frame[keep], pose[keep]
     return {
         "frame": frame,
         "agent": names(arrays, actor),
@@ -75,7 +72,7 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
 
 def actor_presence(arrays: SceneData, frames: range) -> dict[str, dict[str, Any]]:
     """Return role, model, class and frames of each actor: first frame and one past the last of stretches with it."""
-    rows = [arrays.frame_row(frame) for frame in frames]
+    rows = arrays.frame_rows(frames)
     found = {}
     for column, actor in enumerate(arrays.actors):
         is_there = np.isfinite(arrays.poses[rows, column]).all(axis=1)

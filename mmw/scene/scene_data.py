@@ -202,6 +202,14 @@ class SceneData:
             ValueError: If the scene does not cover the frame.
         """
         if frame not in self.frames:
-            first, last = self.frames[0] if self.frames else "none", self.frames[-1] if self.frames else "none"
+            first, last = (self.frames[0], self.frames[-1]) if self.frames else ("none", "none")
             raise ValueError(f"frame {frame} is not in the scene, which covers {first} to {last}; read more frames")
         return self.frames.index(frame) * self.pose_stride
+
+    def frame_rows(self, frames: ArrayLike) -> np.ndarray:
+        """Return the rows of `poses` that hold some frames, int64; errors as of `frame_row`."""
+        found = np.asarray(frames, dtype=np.int64)
+        outside = (found < self.frames.start) | (found >= self.frames.stop)
+        if outside.any():
+            self.frame_row(int(found[outside][0]))
+        return (found - self.frames.start) * self.pose_stride

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
+from mmw.core.kinematics import Motion, differentiate_row, placed
 from mmw.scene.scene_data import SceneData
 
 NEIGHBORS = 1
@@ -25,22 +26,20 @@ class WorldBatch(SceneData):
     """Seed of each world."""
 
     @classmethod
-    def of(
-        cls, data: SceneData, poses: Sequence[np.ndarray], numbers: Sequence[int], seeds: Sequence[int]
-    ) -> "WorldBatch":
+    def of(cls, data: SceneData, poses: np.ndarray, numbers: Sequence[int], seeds: Sequence[int]) -> "WorldBatch":
         """Return worlds with the meshes and actors of a scene.
 
         Args:
             data: The scene, at 100 Hz.
-            poses: For every world its poses before, at and after its frame, shape [3, V, 7].
+            poses: Poses before, at and after the frame of every world, world by world, shape [3 F, V, 7].
             numbers: Number of every world's frame.
             seeds: Seed of every world.
         """
         shared = {one.name: getattr(data, one.name) for one in fields(SceneData) if one.name not in ("frames", "poses")}
         return cls(
             **shared,
-            frames=range(len(poses)),
-            poses=np.concatenate(poses),
+            frames=range(len(numbers)),
+            poses=poses,
             own_numbers=np.array(numbers, dtype=np.int64),
             own_seeds=tuple(seeds),
         )
@@ -49,6 +48,13 @@ class WorldBatch(SceneData):
     def frame_poses(self) -> np.ndarray:
         """The rows of `poses` that are frames, shape [F, V, 7]."""
         return self.poses[NEIGHBORS :: 2 * NEIGHBORS + 1]
+
+    def motion(self) -> Motion:
+        """Return the derivatives at the frames of the worlds, shape [3 F, V, 3]; NaN in the rows beside them."""
+        period = 2 * NEIGHBORS + 1
+        around = self.poses.reshape(len(self.frames), period, *self.poses.shape[1:]).swapaxes(0, 1)
+        motion = differentiate_row(around, NEIGHBORS, self.pose_dt)
+        return placed(motion, slice(NEIGHBORS, None, period), len(self.poses))
 
     def pose_rows(self, frame_count: int) -> int:
         """Return the rows of poses of a number of worlds."""
@@ -71,3 +77,7 @@ class WorldBatch(SceneData):
         if frame not in self.frames:
             raise ValueError(f"world {frame} is not in the batch, which has {len(self.frames)}")
         return frame * (2 * NEIGHBORS + 1) + NEIGHBORS
+
+    def frame_rows(self, frames: ArrayLike) -> np.ndarray:
+        """Return the rows of `poses` that hold the frames of some worlds, int64; errors as of `frame_row`."""
+        return super().frame_rows(frames) * (2 * NEIGHBORS + 1) + NEIGHBORS

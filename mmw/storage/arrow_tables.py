@@ -147,7 +147,7 @@ def cast_column(table: str, field: pa.Field, values: Any, rows: int) -> pa.Array
     if leaf.null_count and leaf is not array:
         raise ValueError(f"{where}: a list contains a null; every element needs a value")
     if pa.types.is_floating(leaf.type):
-        finite = np.isfinite(leaf.drop_null().to_numpy(zero_copy_only=False))
+        finite = np.isfinite((leaf.drop_null() if leaf.null_count else leaf).to_numpy(zero_copy_only=False))
         if not finite.all():
             raise ValueError(f"{where}: {int((~finite).sum())} values are not finite; leave the row out or give null")
     return array
@@ -171,10 +171,10 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
         return pa.array([None if pair is None else {"bytes": pair[0], "path": pair[1]} for pair in values], type_)
     if pa.types.is_list(type_) and not isinstance(values, pa.Array):
         return _to_lists(type_, values)
-    if isinstance(values, pa.Array):
-        return values.cast(type_)
     if isinstance(values, np.ndarray) and values.dtype != object:
-        return pa.array(values).cast(type_)
+        values = pa.array(values)
+    if isinstance(values, pa.Array):
+        return values if values.type.equals(type_) else values.cast(type_)
     return pa.array(values, type=type_)
 
 

@@ -92,9 +92,10 @@ def table_spec(name: str) -> TableSpec:
     """
     if name in views():
         raise InputError(f"table {name!r} is a view of {' and '.join(views()[name].tables)}; name one of these")
-    if name not in TABLES:
+    found = TABLES.get(name)
+    if found is None:
         raise InputError(f"table {name!r} is not known; the tables are {', '.join(TABLES)}; name one of them")
-    return TABLES[name]
+    return found
 
 
 def column_text(field: pa.Field) -> dict[str, str]:

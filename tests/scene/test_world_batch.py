@@ -26,7 +26,7 @@ def scenes() -> list[SceneData]:
 @pytest.fixture(scope="module")
 def worlds(scenes: list[SceneData]) -> WorldBatch:
     """Return frame 2 of each as one batch."""
-    return WorldBatch.of(scenes[0], [scene.poses[1:4] for scene in scenes], NUMBERS, SEEDS)
+    return WorldBatch.of(scenes[0], np.concatenate([scene.poses[1:4] for scene in scenes]), NUMBERS, SEEDS)
 
 
 def test_frames_are_the_worlds_with_their_numbers_and_seeds(scenes: list[SceneData], worlds: WorldBatch) -> None:
@@ -44,8 +44,9 @@ def test_motion_and_device_poses_are_those_of_each_scene(scenes: list[SceneData]
     actors = np.arange(len(worlds.actors), dtype=np.int32)
     sensor = Lidar()
     views = actor_views(worlds, worlds.frames, sensor, actors)
-    found = view_twists(worlds, differentiate(worlds.poses), views)
+    found = view_twists(worlds, worlds.motion(), views)
     together = DeviceScene(worlds, "cpu", 3)
+    together.replace_arrays(worlds, worlds.motion())
     together.load_batch(worlds.frames)
     for world, scene in enumerate(scenes):
         own = view_twists(scene, differentiate(scene.poses), actor_views(scene, [2], sensor, actors))
@@ -62,7 +63,7 @@ def test_random_keys_go_by_the_seed_and_number_of_each_world(scenes: list[SceneD
     keys = view_keys(worlds, actor_views(worlds, worlds.frames, sensor, actors), 42, "town", "sunny")
     assert len(np.unique(keys, axis=0)) == len(keys) == 6
     own = actor_views(scenes[0], [2], sensor, actors)
-    alone = WorldBatch.of(scenes[0], [scenes[0].poses[1:4]], [2], [9])
+    alone = WorldBatch.of(scenes[0], scenes[0].poses[1:4], [2], [9])
     assert np.array_equal(
         view_keys(alone, actor_views(alone, [0], sensor, actors), 42, "town"), view_keys(scenes[0], own, 9, "town")
     )

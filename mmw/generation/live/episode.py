@@ -8,7 +8,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.core.transforms import normalize
-from mmw.generation.live.quaternion_signs import QuaternionSigns
+from mmw.generation.live.quaternion_signs import QuaternionSigns, SignsPart, joined, parted
 from mmw.scene.scene_data import SceneData
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_traffic import LiveTraffic
@@ -46,7 +46,7 @@ class Episode:
         self._column, self._source = (np.array(side, dtype=np.int64) for side in zip(*pairs, strict=True))
         self._still = data.frame_poses[-1]
         self._rows: list[np.ndarray] = []
-        self._signs = QuaternionSigns(len(self._source))
+        self._signs = SignsPart(QuaternionSigns(len(self._source)), 0, 1)
         self._next = 0
         self._layout = first, id(data), self._column.tobytes(), self._source.tobytes()
         self.traffic.advance(rows_at_start(first))
@@ -77,13 +77,7 @@ class Episode:
 
     def _kind(self) -> tuple[object, ...]:
         """Return what episodes have in common whose rows are made at once."""
-        return *self._layout, self._next
-
-    def poses_around(self, frame: int, reach: int) -> np.ndarray:
-        """Return poses of all actors of the scene in the frames about one, shape [2 reach + 1, V, 7]."""
-        catch_up([(self, frame + reach - 1)])
-        middle = frame - self.first + 1
-        return np.stack(self._rows[middle - reach : middle + reach + 1])
+        return *self._layout, len(self.traffic.names), self._next
 
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""
@@ -96,6 +90,20 @@ class Episode:
 def rows_at_start(first: int) -> int:
     """Return how many rows of the traffic an episode needs for its first frame."""
     return first + 2
+
+
+def poses_around(moments: Sequence[tuple[Episode, int]], reach: int) -> np.ndarray:
+    """Return poses of all actors of the scene in the frames about one of each episode.
+
+    Returns:
+        Shape [F (2 reach + 1), V, 7], episode by episode.
+    """
+    catch_up([(episode, frame + reach - 1) for episode, frame in moments])
+    rows: list[np.ndarray] = []
+    for episode, frame in moments:
+        middle = frame - episode.first + 1
+        rows += episode._rows[middle - reach : middle + reach + 1]
+    return np.stack(rows)
 
 
 def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
@@ -115,16 +123,18 @@ def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
 def _make_rows(episodes: Sequence[Episode], stop: int) -> None:
     """Make the rows of episodes of one kind; those before the frame before the first only turn quaternions."""
     one = episodes[0]
-    poses = np.stack([episode.traffic.poses[one._next : stop, one._source] for episode in episodes], axis=1)
-    signs = QuaternionSigns.joined([episode._signs for episode in episodes])
+    known = np.stack([episode.traffic.poses[one._next : stop] for episode in episodes], axis=1)
+    poses = known[:, :, one._source]
+    signs = joined([episode._signs for episode in episodes])
     written = np.stack([signs.write(turn.reshape(-1, 4)) for turn in normalize(poses[..., 3:])])
     seen = slice(max(one.first - 1 - one._next, 0), None)
     flat = np.concatenate([poses[seen, ..., :3].reshape(-1, 3), written[seen].reshape(-1, 4)], axis=1)
     read = poses_read_back(flat).reshape(poses[seen].shape)
     for turns, turn in zip(read[..., 3:], written[seen], strict=True):
         turns[:] = signs.read(turns.reshape(-1, 4), turn).reshape(turns.shape)
-    rows = np.tile(one._still, (*read.shape[:2], 1, 1))
+    rows = np.empty((*read.shape[:2], *one._still.shape))
+    rows[:] = one._still
     rows[:, :, one._column] = read
-    for index, (episode, own) in enumerate(zip(episodes, signs.parts(len(episodes)), strict=True)):
-        episode._signs, episode._next = own, stop
-        episode._rows += list(rows[:, index].copy())
+    for episode, part, own in zip(episodes, parted(signs, len(episodes)), rows.swapaxes(0, 1), strict=True):
+        episode._signs, episode._next = part, stop
+        episode._rows += [row.copy() for row in own]

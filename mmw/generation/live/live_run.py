@@ -15,9 +15,10 @@ import pyarrow as pa
 from mmw.config import Config, ScenarioConfig
 from mmw.config.load import in_config
 from mmw.core.constants import FRAME_RATE_HZ
-from mmw.core.device import writer_threads
+from mmw.core.cuda import retain_memory
+from mmw.core.device import GPU_BYTES_PER_WORKER, writer_threads
 from mmw.core.errors import InputError
-from mmw.core.kinematics import differentiate
+from mmw.core.kinematics import differentiate_row, placed
 from mmw.core.remember import remembered
 from mmw.core.timing import StageTimer
 from mmw.dataset import Dataset, open_dataset
@@ -111,7 +112,8 @@ class World:
             if self.shown != (episode, frame):
                 self.shown = None
                 scene, arrays = self.batch.scene, episode.arrays(frame)
-                motion = differentiate(arrays.poses, arrays.pose_dt)
+                row = arrays.frame_row(frame)
+                motion = placed(differentiate_row(arrays.poses, row, arrays.pose_dt), row, len(arrays.poses))
                 scene.replace_arrays(arrays, motion)
                 scene.load_batch([frame])
                 config = _with_seed(self.batch.config, episode.seed)
@@ -254,6 +256,7 @@ class LiveRun:
             self._notes = [*traffic.notes, *configuration_warnings(arrays, config, scenario)]
             for future in (*kernels, *skies):
                 future.result()
+        retain_memory(self._device, GPU_BYTES_PER_WORKER)
         batch = make_batch(some, scenario, arrays, self._device, self._max_frames, self._pool, StageTimer())
         batch = replace(batch, puts_off=True)
         self._notes += [*surface_warnings(batch.surfaces), *batch.texture_notes()]

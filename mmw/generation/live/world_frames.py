@@ -16,10 +16,9 @@ from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
 from mmw.channel.paths import PathSet
 from mmw.core.errors import InputError
-from mmw.core.kinematics import differentiate
 from mmw.core.later import start_all
 from mmw.generation.capture import channel_links, channel_rows, trace_channel
-from mmw.generation.live.episode import Episode, catch_up
+from mmw.generation.live.episode import Episode, poses_around
 from mmw.generation.live.frame_tables import (
     FrameTables,
     LiveFrame,
@@ -80,8 +79,10 @@ class WorldFrames:
         self._made: dict[tuple[frozenset[Maker], str | None], Traced] = {}
         self._tables: dict[str, pa.Table] = {}
         self._carriers: dict[float, CarrierPaths | None] = {}
-        self.frames: list[LiveFrame] = [self._frame(index) for index in range(len(episodes))]
-        """The frame of every world."""
+
+    def frames(self) -> list[LiveFrame]:
+        """Return the frame of every world; they refer to this, and this not to them, so that it ends with the last."""
+        return [self._frame(index) for index in range(len(self._moments))]
 
     def _frame(self, index: int) -> LiveFrame:
         worlds, (episode, number) = self._worlds, self._moments[index]
@@ -242,16 +243,15 @@ class WorldFrames:
 
     @cached_property
     def _arrays(self) -> WorldBatch:
-        catch_up(self._moments)
-        numbers = [number for _, number in self._moments]
-        around = [episode.poses_around(number, NEIGHBORS) for episode, number in self._moments]
         data = self._worlds.world.batch.arrays
-        return WorldBatch.of(data, around, numbers, [episode.seed for episode, _ in self._moments])
+        poses = poses_around(self._moments, NEIGHBORS)
+        numbers, seeds = zip(*((number, episode.seed) for episode, number in self._moments), strict=True)
+        return WorldBatch.of(data, poses, numbers, seeds)
 
     @cached_property
     def _whole(self) -> Batch:
         arrays = self._arrays
-        return replace(self._worlds.world.batch, arrays=arrays, motion=differentiate(arrays.poses, arrays.pose_dt))
+        return replace(self._worlds.world.batch, arrays=arrays, motion=arrays.motion())
 
     def _batch(self, agent: str | None) -> Batch:
         if agent is None:

@@ -2,6 +2,8 @@
 
 import gc
 import tracemalloc
+import weakref
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -15,6 +17,45 @@ CHANGES = [
     "sensors=[{type: lidar, on: [cav_1], channels: 8, points_per_channel: 60}, {type: imu}, {type: gnss}, "
     "{type: depth, on: [cav_1], width_px: 24, height_px: 16}]",
 ]
+
+
+@pytest.fixture
+def without_collector() -> Iterator[None]:
+    """Turn off what frees objects that refer to each other."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("without_collector")
+def test_a_frame_ends_with_its_last_reference() -> None:
+    """Its arrays are page-locked memory of a GPU, which the next frame uses again."""
+    seen: list[weakref.ref] = []
+    with mmw.Simulation(mmw.load_config("quickstart", CHANGES), mode="live", device="cpu") as simulation:
+        for _ in range(2):
+            frame = simulation.step()
+            agent = frame.agents["cav_1"]
+            assert len(agent.sensor("lidar")) and agent.views and frame.agents["cav_1"] is agent
+            assert agent.frame == frame and agent.frame.table("lidar") is frame.table("lidar")
+            frame.paths(28e9)
+            seen += [weakref.ref(frame), weakref.ref(frame.data), weakref.ref(agent)]
+            del frame, agent
+        assert [one() for one in seen] == [None] * 6
+
+
+@pytest.mark.usefixtures("without_collector")
+def test_the_frames_of_worlds_end_with_the_step() -> None:
+    seen: list[weakref.ref] = []
+    with mmw.BatchedSimulation(mmw.load_config("quickstart", CHANGES), 2, device="cpu") as simulation:
+        for _ in range(2):
+            frame = simulation.step()[1]
+            assert simulation.present[1] is frame and len(frame.agents["cav_1"].sensor("lidar"))
+            assert simulation.table("lidar").num_rows == 2 and len(simulation.paths(28e9))
+            seen += [weakref.ref(frame), weakref.ref(frame.data)]
+            del frame
+        simulation.step()
+        simulation.table("poses")
+        assert [one() for one in seen] == [None] * 4
 
 
 @pytest.mark.slow

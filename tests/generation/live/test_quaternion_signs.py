@@ -5,7 +5,7 @@ import pytest
 from pxr import Usd
 
 from mmw.core.transforms import normalize, quaternion_from_ypr
-from mmw.generation.live.quaternion_signs import QuaternionSigns
+from mmw.generation.live.quaternion_signs import QuaternionSigns, SignsPart, joined, parted
 from mmw.scene.stage.layer import animate, define, new_layer
 from mmw.usd.actors import actor_poses, find_actors, poses_read_back
 from mmw.usd.prim_specs import set_value
@@ -52,3 +52,22 @@ def test_signs_are_those_of_the_stage(first: int) -> None:
     order = [int(actor.name.split("_")[1]) for actor in found]
     assert np.stack(rows)[:, order].tobytes() == expected.tobytes()
     assert (np.isnan(expected[:, :, 0]).sum(axis=0) >= 3).all()
+
+
+def test_parts_go_on_together_and_alone() -> None:
+    """Each part has the signs of its own actors, whichever others went on with it."""
+    turns = normalize(np.random.default_rng(5).normal(size=(6, 3, 4, 4)))  # rows, parts, actors
+    alone = [QuaternionSigns(4) for _ in range(3)]
+    parts = [SignsPart(QuaternionSigns(4), 0, 1) for _ in range(3)]
+    wholes = []
+    for row, chosen in zip(turns, ([0, 1, 2], [0, 1, 2], [1], [0, 2], [0, 1, 2], [2, 1, 0]), strict=True):
+        whole = joined([parts[part] for part in chosen])
+        found = whole.write(row[chosen].reshape(-1, 4)).reshape(-1, 4, 4)
+        read = whole.read(-row[chosen].reshape(-1, 4), found.reshape(-1, 4)).reshape(-1, 4, 4)
+        for place, (part, own) in enumerate(zip(chosen, parted(whole, len(chosen)), strict=True)):
+            parts[part] = own
+            written = alone[part].write(row[part])
+            assert np.array_equal(found[place], written)
+            assert np.array_equal(read[place], alone[part].read(-row[part], written))
+        wholes.append(whole)
+    assert wholes[0] is wholes[1] and len(set(map(id, wholes))) == 5
