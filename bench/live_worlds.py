@@ -3,11 +3,12 @@
 `quickstart` with the LiDAR of the paper on `cav_1`, as `bench.live`, in several worlds of a `mmw.BatchedSimulation`.
 Every step of all worlds is timed from the controls to the last row on the host, after a warm-up: median, 99th
 percentile, world-steps a second over all steps (the drivers of all worlds decide in every fifth step, which is longer),
-and the mean time that this process had a core; drivers may decide in others. Episodes start anew where their frames
-end.
+and the mean time that this process had a core; drivers may decide in others. The last columns are of the look alone:
+median time that the thread had a core, and calls of Python functions. Episodes start anew where their frames end.
 """
 
 import argparse
+import cProfile
 import sys
 import time
 from collections.abc import Callable
@@ -19,7 +20,9 @@ import warp as wp
 import mmw
 from bench.rays import machine
 
-LOOKS: dict[str, Callable[[mmw.BatchedSimulation], Any]] = {
+Look = Callable[[mmw.BatchedSimulation], Any]
+
+LOOKS: dict[str, Look] = {
     "nothing": lambda worlds: None,
     "poses": lambda worlds: worlds.table("poses"),
     "channel": lambda worlds: worlds.paths(28e9),
@@ -32,24 +35,42 @@ LOOKS: dict[str, Callable[[mmw.BatchedSimulation], Any]] = {
 """Name -> look at the present frames."""
 
 
-def measure(
-    simulation: mmw.BatchedSimulation, look: Callable[[mmw.BatchedSimulation], Any], steps: int
-) -> tuple[np.ndarray, float]:
-    """Return the time of every step with a look, shape [steps], and the mean time on all cores of the process [s]."""
-    times, used = [], 0.0
-    number = simulation.present[0].frame
-    for step in range(-3, steps):
-        if number + 1 == simulation.frames.stop:
-            simulation.reset()
-            number = simulation.frames.start
-        if step == 0:
+def step(simulation: mmw.BatchedSimulation, number: int) -> None:
+    """Go on by a frame with a control in each world, or to the first frame where the episodes end."""
+    if simulation.present[0].frame + 1 == simulation.frames.stop:
+        simulation.reset()
+    simulation.step([{"cav_1": mmw.Control(target_speed_m_s=4.0 + number % 5)}] * len(simulation))
+
+
+def measure(simulation: mmw.BatchedSimulation, look: Look, steps: int) -> tuple[np.ndarray, float, float]:
+    """Return times in seconds.
+
+    Returns:
+        That of every step with a look, shape [steps]; the mean time on all cores of the process; the median time of the
+        look on the core of its thread.
+    """
+    times, looks, used = [], [], 0.0
+    for number in range(-3, steps):
+        if number == 0:
             used = time.process_time()
         start = time.perf_counter()
-        simulation.step([{"cav_1": mmw.Control(target_speed_m_s=4.0 + step % 5)}] * len(simulation))
+        step(simulation, number)
+        own = time.thread_time()
         look(simulation)
+        looks.append(time.thread_time() - own)
         times.append(time.perf_counter() - start)
-        number += 1
-    return np.array(times[3:]), (time.process_time() - used) / steps
+    return np.array(times[3:]), (time.process_time() - used) / steps, float(np.median(looks[3:]))
+
+
+def calls(simulation: mmw.BatchedSimulation, look: Look, steps: int = 10) -> float:
+    """Return the mean number of function calls of a look, which no other load on the machine changes."""
+    profile = cProfile.Profile()
+    for number in range(steps):
+        step(simulation, number)
+        profile.enable()
+        look(simulation)
+        profile.disable()
+    return sum(entry.callcount for entry in profile.getstats()) / steps
 
 
 def main(arguments: list[str]) -> None:
@@ -61,21 +82,24 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--steps", type=int, default=50, help="timed steps of each line")
     parser.add_argument("--processes", type=int, help="worker processes of the traffic; default: by cores and worlds")
     parser.add_argument("--look", nargs="+", choices=LOOKS, default=list(LOOKS), help="what is looked at")
+    parser.add_argument("overrides", nargs="*", help="KEY=VALUE of the configuration")
     options = parser.parse_args(arguments)
-    config = mmw.load_config("quickstart", ["frames.count=1000", "sensors=[{type: lidar, on: [cav_1]}]"])
+    own = ["frames.count=1000", "sensors=[{type: lidar, on: [cav_1]}]", *options.overrides]
+    config = mmw.load_config("quickstart", own)
     print(", ".join(f"{key} {value}" for key, value in machine(options.device).items()))
-    print("worlds  looked at             median ms   99 % ms   world-steps/s    CPU ms")
+    print("worlds  looked at             median ms   99 % ms   world-steps/s    CPU ms   look ms     calls")
     for count in options.worlds:
         with mmw.BatchedSimulation(config, count, device=options.device, processes=options.processes) as simulation:
             start = time.perf_counter()
             simulation.reset()
             print(f"{count:6}  reset of all          {1e3 * (time.perf_counter() - start):9.1f}")
             for name in options.look:
-                spent, cores = measure(simulation, LOOKS[name], options.steps)
+                spent, cores, looked = measure(simulation, LOOKS[name], options.steps)
                 middle, late = np.median(spent), np.quantile(spent, 0.99)
                 print(
                     f"{count:6}  {name:20} {1e3 * middle:10.1f} {1e3 * late:9.1f} {count / spent.mean():15.0f} "
-                    f"{1e3 * cores:9.1f}"
+                    f"{1e3 * cores:9.1f} {1e3 * looked:9.1f} {calls(simulation, LOOKS[name]):9.0f}",
+                    flush=True,
                 )
 
 
