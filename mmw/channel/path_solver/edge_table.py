@@ -45,11 +45,9 @@ class WedgeTable:
     surface_n: np.ndarray
     """Global surface of the second face, shape [E], int32."""
     line: np.ndarray
-    """Lowest wedge of the line of edges that each belongs to, shape [E], int32."""
+    """Lowest wedge of the line of edges that each belongs to and of the lines beside it, shape [E], int32."""
     ahead: np.ndarray
     """Length of that line before the begin and behind the end of each [m], shape [E, 2]."""
-    post: np.ndarray
-    """Lowest wedge of the post or trunk along which each runs, -1 for none, shape [E]."""
     is_curved: np.ndarray
     """True between two facets of one curved surface, whose edge is of the mesh only, shape [E], bool."""
     device: Wedges
@@ -84,7 +82,7 @@ def make_wedge_table(
         curved: Curved surfaces of the scene, if it has them.
     """
     arrays, instances = scene.arrays, enumerate(scene.instance_actor)
-    columns, lines = [(len(scene.instance_actor), 0, NO_WEDGES)], [_lines(NO_WEDGES)]
+    columns, lines = [(len(scene.instance_actor), 0, NO_WEDGES)], [_lines(NO_WEDGES, scene.device)]
     if meshes:
         of_town, *of_model = (
             find_wedges(*mesh, sheets=sheets, min_bend=min_bend, device=scene.device) for mesh in meshes
@@ -92,8 +90,8 @@ def make_wedge_table(
         columns.append((len(scene.instance_actor), 0, of_town))
         objects = np.zeros(int(arrays.surface.max(initial=-1)) + 1, dtype=np.int64)
         objects[arrays.surface] = arrays.object_id
-        lines.append(_lines(of_town, objects[of_town[5]]))
-        of_models = [(found, _lines(found)) for found in of_model]
+        lines.append(_lines(of_town, scene.device, objects[of_town[5]]))
+        of_models = [(found, _lines(found, scene.device)) for found in of_model]
         for k, actor in instances:
             found, joined = of_models[arrays.actors[actor].model]
             columns.append((k, int(scene.surface_offset[k]), found))
@@ -106,7 +104,6 @@ def make_wedge_table(
     before = np.cumsum([0, *(len(some.name) for some in lines)])
     line = np.concatenate([some.name + k for some, k in zip(lines, before, strict=False)]).astype(np.int32)
     ahead = np.concatenate([some.ahead for some in lines])
-    post = np.concatenate([np.where(some.post < 0, -1, some.post + k) for some, k in zip(lines, before, strict=False)])
     is_curved = np.zeros(len(line), dtype=bool)
     if curved is not None and len(line):
         s0, sn = numbers["surface_0"], numbers["surface_n"]
@@ -124,13 +121,13 @@ def make_wedge_table(
     first = np.searchsorted(face[order], np.arange(int(plane.max(initial=-1)) + 2))
     device.first = wp.array(first, dtype=wp.int32, device=scene.device)
     device.of_plane = wp.array(order % max(len(face) // 2, 1), dtype=wp.int32, device=scene.device)
-    return WedgeTable(**numbers, **table, line=line, ahead=ahead, post=post, is_curved=is_curved, device=device)
+    return WedgeTable(**numbers, **table, line=line, ahead=ahead, is_curved=is_curved, device=device)
 
 
-def _lines(wedges: tuple[np.ndarray, ...], object_id: np.ndarray | None = None) -> EdgeLines:
-    """Return the lines of the wedges of `find_wedges`, whose objects have shape [E]."""
+def _lines(wedges: tuple[np.ndarray, ...], device: str, object_id: np.ndarray | None = None) -> EdgeLines:
+    """Return the lines of the wedges of `find_wedges`, whose objects have shape [E]; None for one object."""
     begin, end, _, _, away, *_ = wedges
-    return join_edges(begin, end, away, object_id)
+    return join_edges(begin, end, away, object_id, device)
 
 
 def find_wedges(

@@ -7,15 +7,12 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import path_ids, tell_apart
 from mmw.physics.em.diffraction import WedgeHits
-from mmw.physics.em.field import PathGeometry
 from mmw.physics.em.interaction import DIFFUSE, SPECULAR, TRANSMISSION
-from mmw.physics.em.vectors import dot
 
 
 def path_names(
     links: Links,
     found: TracedPaths,
-    geometry: PathGeometry,
     wedges: WedgeHits,
     table: SurfaceTable,
     rank_by: np.ndarray,
@@ -24,14 +21,13 @@ def path_names(
 
     A reflection is named by its wall: all coplanar surfaces, or a curved one. A passage is named by its object, of
     which it may cross one pane after the other: it bends nothing, so that the rest tells the path. A diffraction is
-    named by the line that its edge belongs to, along a round post by the post and the side that the path passes; a
-    diffuse one by its ray. Paths of a link with one name are numbered by their strength, as several points of
+    named by the line that its edge belongs to, with the lines beside it, as the edges of a post; a diffuse one by its
+    ray. Paths of a link with one name are numbered by their strength, as several points of
     reflection on one vehicle: not by their places, as points move on over a whole vehicle while they reflect.
 
     Args:
         links: The traced links.
         found: The paths.
-        geometry: Their geometry.
         wedges: Their diffractions.
         table: Surfaces of the scene.
         rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
@@ -46,16 +42,6 @@ def path_names(
         named = named.copy()
         named[rough, step] = found.ray[rough]
     if len(wedges.path):
-        own = found.surface[wedges.path, wedges.step]
-        post = table.wedges.post[own]
-        forward = geometry.direction[wedges.path, wedges.step] + geometry.direction[wedges.path, wedges.step + 1]
-        side = dot(np.cross(forward, _upward(wedges.edge)), wedges.away) > 0.0
-        named[wedges.path, wedges.step] = np.where(post < 0, table.wedges.line[own], -2 - 2 * post - side)
+        named[wedges.path, wedges.step] = table.wedges.line[found.surface[wedges.path, wedges.step]]
     ids = path_ids(links.tx_number[found.link], links.rx_number[found.link], found.kind, named)
     return tell_apart(ids, found.link, rank_by)
-
-
-def _upward(direction: np.ndarray) -> np.ndarray:
-    """Return directions, or their opposites, whose largest component is positive, shape [N, 3]."""
-    largest = np.take_along_axis(direction, np.abs(direction).argmax(axis=1)[:, None], axis=1)
-    return np.where(largest < 0.0, -direction, direction)

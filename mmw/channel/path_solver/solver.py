@@ -14,13 +14,13 @@ from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_solver.trace import Trace, losses_db, traced_transfer
-from mmw.channel.path_solver.weak_paths import without_weak_wedges
+from mmw.channel.path_solver.weak_paths import diffracted_bounds, without_weak_wedges
 from mmw.channel.paths import PathSet, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.remember import remembered
-from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, is_lit
+from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, WedgeTerms, is_lit
 from mmw.physics.em.field import combine
 from mmw.physics.em.path_gain import wedge_terms_of
 from mmw.physics.materials.material import Material
@@ -140,13 +140,14 @@ def path_gains(
         trace = without_weak_wedges(trace, config, materials, air, own, diffraction_model)
     search, found, geometry = trace.search, trace.found, trace.geometry
     links, table = search.links, search.table
-    transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model)
+    terms = wedge_terms_of(geometry, trace.interactions, config.carriers_hz, diffraction_model)
+    transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model, terms)
     is_there = found.kind != 0
-    rank_by = geometry.length if trace.share is None else -np.linalg.norm(trace.share, axis=1) / geometry.length
+    rank_by = _ranked_by(trace, config, diffraction_model, terms)
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        path_id=path_names(links, found, geometry, trace.interactions.wedges, table, rank_by),
+        path_id=path_names(links, found, trace.interactions.wedges, table, rank_by),
         kind=path_kinds(found.kind),
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
@@ -171,6 +172,24 @@ def path_gains(
     if is_whole:
         return paths
     return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall, rank_by)
+
+
+def _ranked_by(
+    trace: Trace, config: ChannelConfig, model: DiffractionModel, terms: tuple[WedgeTerms, ...]
+) -> np.ndarray:
+    """Return by what paths of one name are numbered, lowest first, shape [P]: minus their strength in any weather.
+
+    Diffracted ones are numbered by their bounds at the lowest carrier, where levels change the least from frame to
+    frame, others by their share of the wall's reflection; without `finite_surfaces` by their length.
+    """
+    length = trace.geometry.length
+    rank_by = length if trace.share is None else -np.linalg.norm(trace.share, axis=1) / length
+    wedges = trace.interactions.wedges
+    if len(wedges.path):
+        lowest = int(np.argmin(config.carriers_hz))
+        bounds = diffracted_bounds(trace, terms, config.carriers_hz, model)[:, lowest]
+        rank_by = np.where(np.bincount(wedges.path, minlength=len(length)) > 0, -bounds, rank_by)
+    return rank_by
 
 
 def _edges(count: int, wedges: WedgeHits) -> np.ndarray:
@@ -248,13 +267,13 @@ def _gains(
     air: Mapping[str, Weather] | None,
     elements: LinkElements,
     diffraction_model: DiffractionModel,
+    terms: tuple[WedgeTerms, ...],
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, dict[str, np.ndarray]]]:
     """Return transfer [P, C, 2, 2], coefficient [P, C] and losses [P, C] of every weather."""
     links, found, geometry, carriers = trace.search.links, trace.found, trace.geometry, config.carriers_hz
     rotations = links.tx.rotation, links.rx.rotation
     tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
     transfer, a, loss_db = {}, {}, {}
-    terms = wedge_terms_of(geometry, trace.interactions, carriers, diffraction_model)
     for weather, by_id in materials.items():
         loss_db[weather] = losses_db(trace, carriers, None if air is None else air.get(weather), elements)
         transfer[weather] = traced_transfer(trace, carriers, by_id, loss_db[weather], diffraction_model, terms)

@@ -45,7 +45,9 @@ def without_weak_wedges(
         return trace
     plain = trace.take(np.flatnonzero(~is_diffracted & ~(trace.found.kind == DIFFUSE).any(axis=1)))
     carriers = config.carriers_hz
-    most = _most(trace, wedge_terms_of(trace.geometry, trace.interactions, carriers, model), carriers, model)
+    most = diffracted_bounds(
+        trace, wedge_terms_of(trace.geometry, trace.interactions, carriers, model), carriers, model
+    )
     keep = ~is_diffracted
     none = wedge_terms_of(plain.geometry, plain.interactions, carriers, model)
     for weather, by_id in materials.items():
@@ -58,7 +60,7 @@ def without_weak_wedges(
     return trace.take(np.flatnonzero(keep))
 
 
-def _most(
+def diffracted_bounds(
     trace: Trace, terms: tuple[WedgeTerms, ...], carriers_hz: tuple[float, ...], model: DiffractionModel
 ) -> np.ndarray:
     """Return more than the Frobenius norm of the transfer of each diffracted path, 0 for the others, shape [P, C]."""
