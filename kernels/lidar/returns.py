@@ -80,16 +80,17 @@ class CarlaLidar:
 
 @wp.struct
 class LidarPoints:
-    """The returns only, view by view, ray by ray, the strongest before the last, shape [N]."""
+    """The N returns only, view by view, ray by ray, the strongest before the last, in one block of memory.
 
-    values: wp.array2d[float]
-    """x, y, z in the sensor frame on the stored grid [m], and intensity, shape [4, N]."""
-    object_id: wp.array[int]
-    """Object that was hit, -1 for rain and fog, shape [N]."""
-    marks: wp.array2d[wp.uint8]
-    """Ring, label, and number of the return if there may be two, shape [2 or 3, N]."""
-    time_offset: wp.array[float]
-    """Time of firing after the frame's instant [s], shape [N]; empty for a still picture."""
+    x, y, z in the sensor frame on the stored grid [m] and intensity come first, shape [4, N], float32; then the object
+    that was hit, -1 for rain and fog, shape [N], int32; for a rolling sweep the time of firing after the frame's
+    instant [s], shape [N], float32; then ring, label, and number of the return if there may be two, shape [2 or 3, N],
+    uint8. The arrays are three views of the block, as N is known on the device alone.
+    """
+
+    numbers: wp.array[float]
+    ids: wp.array[int]
+    marks: wp.array[wp.uint8]
 
 
 @wp.func
@@ -249,28 +250,35 @@ def gather_kernel(
     is_deskewed: bool,
     # out
     points_out: LidarPoints,
+    ends_out: wp.array[int],
 ):
     """Copy the returns of each ray to their place in the list, which the running count of returns gives.
 
-    Positions are in the sensor's frame at the ray's firing, or if deskewed at the frame's instant. Launch: dim=(A, R).
+    Positions are in the sensor's frame at the ray's firing, or if deskewed at the frame's instant. `ends_out` is the
+    number of returns up to the end of each view. Launch: dim=(A, R).
     """
     view, ray = wp.tid()
     own = count[view, ray]
-    first = returns_up_to[view, ray] - own
+    up_to = returns_up_to[view, ray]
+    total = returns_up_to[count.shape[0] - 1, count.shape[1] - 1]
+    if ray == count.shape[1] - 1:
+        ends_out[view] = up_to
+    columns = wp.where(sweep.duration_s > 0.0, 6, 5)
     for k in range(own):
         found = returns[view, ray, k]
-        point = first + k
+        point = up_to - own + k
         position = direction_s[ray] * found.range
         if is_deskewed:
             in_scene = wp.transform_point(firing_pose(views, sweep, view, ray), position)
             position = wp.transform_point(wp.transform_inverse(views.pose[view]), in_scene)
         for axis in range(3):
-            points_out.values[axis, point] = wp.rint(position[axis] * STEPS_PER_METRE) / STEPS_PER_METRE
-        points_out.values[3, point] = found.intensity
-        points_out.object_id[point] = wp.where(found.label == 0, rays.object_id[view, ray], -1)
-        points_out.marks[0, point] = wp.uint8(ray // sweep.points_per_channel)
-        points_out.marks[1, point] = wp.uint8(found.label)
-        if points_out.marks.shape[0] > 2:
-            points_out.marks[2, point] = wp.uint8(k)
-        if sweep.duration_s > 0.0:
-            points_out.time_offset[point] = firing_offset(sweep, ray)
+            points_out.numbers[axis * total + point] = wp.rint(position[axis] * STEPS_PER_METRE) / STEPS_PER_METRE
+        points_out.numbers[3 * total + point] = found.intensity
+        points_out.ids[4 * total + point] = wp.where(found.label == 0, rays.object_id[view, ray], -1)
+        if columns == 6:
+            points_out.numbers[5 * total + point] = firing_offset(sweep, ray)
+        first = 4 * columns * total + point
+        points_out.marks[first] = wp.uint8(ray // sweep.points_per_channel)
+        points_out.marks[first + total] = wp.uint8(found.label)
+        if returns.shape[2] > 1:
+            points_out.marks[first + 2 * total] = wp.uint8(k)

@@ -16,6 +16,7 @@ from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
+from mmw.core.remember import remembered
 from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, poses_from_rows, to_world
 from mmw.dataset.column_arrays import arrays_of
@@ -148,18 +149,12 @@ class Agent:
             InputError: If it has no such sensor.
         """
         self._mount(sensor)
-        return self._sensor_poses[sensor]
-
-    @cached_property
-    def _sensor_poses(self) -> dict[str, np.ndarray]:
-        """Sensor -> its pose in the world, shape [7]."""
-        mounts = poses_from_rows(list(self.sensors.values()))
-        return dict(zip(self.sensors, compose(self.pose, mounts), strict=True))
+        return self.frame.sensor_poses[self.name, sensor]
 
     @cached_property
     def sensors(self) -> dict[str, Row]:
         """Sensor -> its row of table `sensors`."""
-        return {row["sensor"]: row for row in self.frame.sensor_rows if row["agent"] == self.name}
+        return dict(mounted_sensors(self.frame.sensor_rows).get(self.name, {}))
 
     def sensor(self, name: str) -> Any:
         """Return the sample of one of its sensors in this frame; None if there is none.
@@ -170,18 +165,21 @@ class Agent:
         Raises:
             InputError: If it has no such sensor, or neither an installed package nor a table knows its type.
         """
-        type_ = self._mount(name)["type"]
+        mount = self._mount(name)
+        type_ = mount["type"]
         if type_ not in SENSORS and type_ in self.frame.data.tables:  # the primary table has the name of the type
             row = self.frame.row_of(type_, self.name, name)
             return None if row is None else SimpleNamespace(**row)
-        spec = sensor_spec(self._mount(name))
+        spec = sensor_spec(mount)
         if spec.decode:
             return load_reference(spec.decode)(self, name)
         row = self.frame.row_of(spec.tables[0].name, self.name, name)
         if row is None:
             return None
+        if spec.kind != "points":
+            return SimpleNamespace(**row)
         columns = {column: value for column, value in row.items() if isinstance(value, np.ndarray)}
-        points = points_of(columns) if spec.kind == "points" else None
+        points = points_of(columns)
         if points is None:
             return SimpleNamespace(**row)
         return PointCloud(self.name, name, self.sensor_pose(name), points, columns)
@@ -324,6 +322,17 @@ class Frame:
         return self.data.read("sensors", scenario=self.scenario).to_pylist()
 
     @cached_property
+    def sensor_poses(self) -> dict[tuple[str, str], np.ndarray]:
+        """Agent and sensor -> pose of the sensor or antenna in the world, shape [7], of agents that are there."""
+        names, mounts = sensor_mounts(self.sensor_rows)
+        agents = self.agents
+        rows = [index for index, (agent, _) in enumerate(names) if agent in agents]
+        if not rows:
+            return {}
+        poses = np.array([agents[names[index][0]].pose for index in rows])
+        return {names[index]: pose for index, pose in zip(rows, compose(poses, mounts[rows]), strict=True)}
+
+    @cached_property
     def agents(self) -> dict[str, Agent]:
         """Name -> agent, connected vehicles and roadside units that are there."""
         rows, own = self.rows("poses"), copy(self)  # agents of this very frame would keep it from being freed at once
@@ -349,6 +358,21 @@ class Frame:
             own = {name: values[is_own] for name, values in paths.items()}
             found.append(Link(**{name: row[name] for name in LINK_FIELDS}, paths=own))
         return tuple(found)
+
+
+@remembered(size=8)
+def mounted_sensors(rows: list[Row]) -> dict[str, dict[str, Row]]:
+    """Return the rows of table `sensors` by agent and sensor."""
+    found: dict[str, dict[str, Row]] = {}
+    for row in rows:
+        found.setdefault(row["agent"], {})[row["sensor"]] = row
+    return found
+
+
+@remembered(size=8)
+def sensor_mounts(rows: list[Row]) -> tuple[list[tuple[str, str]], np.ndarray]:
+    """Return agent and sensor of each row of table `sensors`, and the pose of the sensor on the agent, shape [N, 7]."""
+    return [(row["agent"], row["sensor"]) for row in rows], poses_from_rows(rows)
 
 
 def sensor_spec(row: Row) -> SensorSpec:

@@ -1,6 +1,5 @@
 """Turn rows of tables, or of columns before they are tables, into mappings, and columns of samples into points."""
 
-import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
@@ -13,6 +12,7 @@ from mmw.core.remember import remembered
 from mmw.dataset.column_arrays import values_of
 from mmw.storage.arrow_tables import cast_column
 from mmw.storage.codecs.images import Stored, lossless_pixels
+from mmw.storage.list_column import ListColumn
 from mmw.storage.table_spec import IMAGE, TableSpec
 
 Row = dict[str, Any]
@@ -59,24 +59,26 @@ def stored_image(cell: Mapping[str, Any]) -> Stored:
     return cell.stored if isinstance(cell, WaitingImage) else cell["bytes"]
 
 
-def row_of_columns(spec: TableSpec, columns: Mapping[str, Any], index: int) -> Row:
-    """Return a row of columns as `rows_of_table` returns it of their table, without making the table.
+def rows_of_columns(spec: TableSpec, columns: Mapping[str, Any]) -> list[Row]:
+    """Return the rows of columns as `rows_of_table` returns those of their table, without making the table.
 
     Args:
         spec: The table.
         columns: All its columns, see `mmw.storage.arrow_tables.unsorted_table`.
-        index: The row.
 
     Raises:
         ValueError: If a value does not fit its column.
     """
-    return {name: _cell(spec, field, kind, columns[name], index) for name, field, kind in _kinds(spec)}
+    kinds, count = _kinds(spec), len(columns["frame"])
+    cells = [_cells(spec, field, number, columns[field.name], count) for field, number in kinds]
+    names = [field.name for field, _ in kinds]
+    return [dict(zip(names, row, strict=True)) for row in zip(*cells, strict=True)]
 
 
 @remembered()
-def _kinds(spec: TableSpec) -> list[tuple[str, pa.Field, np.dtype | None]]:
-    """Return name, field and NumPy type of the numbers of each column, of those in its lists; None for no numbers."""
-    return [(field.name, field, _number_type(field.type)) for field in spec.columns]
+def _kinds(spec: TableSpec) -> list[tuple[pa.Field, np.dtype | None]]:
+    """Return field and NumPy type of the numbers of each column, of those in its lists; None for no numbers."""
+    return [(field, _number_type(field.type)) for field in spec.columns]
 
 
 def _number_type(type_: pa.DataType) -> np.dtype | None:
@@ -85,27 +87,27 @@ def _number_type(type_: pa.DataType) -> np.dtype | None:
     return np.dtype(element.to_pandas_dtype()) if is_number else None
 
 
-def _cell(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, index: int) -> Any:
+def _cells(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, count: int) -> list[Any]:
     if isinstance(values, str):
-        return values
+        return [values] * count
     if isinstance(values, np.ndarray):
-        if number is not None and values.dtype == number and (number.kind != "f" or math.isfinite(values[index])):
-            return values[index].item()
+        if values.dtype == number and (number.kind != "f" or np.isfinite(values).all()):
+            return values.tolist()
+    elif isinstance(values, ListColumn):
+        if values.values.dtype == number and (number.kind != "f" or np.isfinite(values.values).all()):
+            return values.rows()
     elif isinstance(values, pa.Array):
-        one = values[index]
-        if field.nullable and not one.is_valid:
-            return None
-        if number is None and isinstance(values, pa.DictionaryArray) and one.is_valid:
-            return one.as_py()
-        if number is not None and isinstance(values, pa.ListArray) and one.is_valid:
-            found = one.values.to_numpy(zero_copy_only=False)
-            if found.dtype == number and (number.kind != "f" or np.isfinite(found).all()):
-                return found
-    elif isinstance(values, list) and isinstance(values[index], tuple) and field.type == IMAGE:
-        image, path = values[index]
-        return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
-    part = values if np.isscalar(values) else values[index : index + 1]
-    return values_of(pa.chunked_array([cast_column(spec.name, field, part, 1)]))[0]
+        if field.nullable and values.null_count == count:
+            return [None] * count
+        if number is None and isinstance(values, pa.DictionaryArray) and (field.nullable or not values.null_count):
+            return values.to_pylist()
+    elif isinstance(values, list) and field.type == IMAGE and all(isinstance(cell, tuple) for cell in values):
+        return [_image(*cell) for cell in values]
+    return values_of(pa.chunked_array([cast_column(spec.name, field, values, count)]))
+
+
+def _image(image: Any, path: str) -> Mapping[str, Any]:
+    return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
 
 
 def points_of(columns: dict[str, np.ndarray]) -> np.ndarray | None:

@@ -15,7 +15,6 @@ from mmw.core.registry import load_reference
 from mmw.generation.plugin_faults import checked_columns, plugin_faults
 from mmw.scene.rows import frame_rows, pose_rows
 from mmw.scene.table_rows import names
-from mmw.scene.views import sample_views
 from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.ground_truth.boxes_3d import box_rows, make_boxes
 from mmw.sensors.ground_truth.visibility import trace_sight
@@ -92,7 +91,7 @@ def _simulate(
     batch: Batch, spec: SensorSpec, sensor: SensorConfig, frames: Sequence[int], collected: TableRows
 ) -> None:
     """Add the rows of a sensor that is simulated by itself."""
-    views = sample_views(batch.arrays, frames, sensor)
+    views = batch.views(frames, sensor)
     with batch.clock.stage(sensor.name, round(len(views) * spec.estimate(sensor).rays)):
         data = batch.sensor_input(views, collected)
         with plugin_faults(sensor):

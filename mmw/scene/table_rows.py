@@ -42,13 +42,6 @@ def split(columns: Sequence[str], values: np.ndarray) -> Columns:
     return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(columns)}
 
 
-def lists(offsets: np.ndarray, values: np.ndarray) -> pa.ListArray:
-    """Return an Arrow list column without nulls: row a holds `values[offsets[a]:offsets[a + 1]]`."""
-    flat = pa.array(np.ascontiguousarray(values))
-    type_ = pa.list_(pa.field("element", flat.type, nullable=False))
-    return pa.ListArray.from_arrays(pa.array(offsets), flat, type=type_)
-
-
 def resolved(columns: Columns) -> Columns:
     """Return columns with every image that a thread was encoding: (future of the bytes, path) becomes (bytes, path)."""
     start_all(cell[0] for values in columns.values() if _is_images(values) for cell in values)

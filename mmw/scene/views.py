@@ -3,7 +3,7 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,13 @@ from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
 from mmw.core.random_keys import random_keys
 from mmw.core.remember import remembered
-from mmw.core.transforms import compose, normalize, pose_from_mount
+from mmw.core.transforms import compose, cross, normalize, pose_from_mount
 from mmw.kernels.core import structs
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Actor, SceneData
+
+VIEW_TYPES = (wp.int32, wp.transformf, wp.int32)
+"""Warp types of the arrays of `structs.Views`, in their order."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,17 @@ class Views:
         views.pose = wp.array(pose.astype(np.float32), dtype=wp.transformf, device=device)
         views.ignore = wp.array(self.ignore_instance, dtype=wp.int32, device=device)
         return views
+
+    def write(self, scene: DeviceScene, columns: Sequence[np.ndarray]) -> None:
+        """Write the views to the host side of arrays of `VIEW_TYPES`, after the check of `for_scene`.
+
+        Raises:
+            ValueError: If a view's frame is not at its index of the batch.
+        """
+        scene.check_loaded("view", self.batch_index, self.frame)
+        batch_index, pose, ignore = columns
+        batch_index[:], ignore[:] = self.batch_index, self.ignore_instance
+        pose[:, :3], pose[:, 3:] = self.pose[:, :3] - scene.origin, self.pose[:, 3:]
 
     def for_scene(self, scene: DeviceScene) -> structs.Views:
         """Return the views on the device of a scene, after a check that their frames are loaded.
@@ -125,24 +139,91 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
-    batch_index = np.repeat(np.arange(len(rows), dtype=np.int32), len(actors))
-    actor = np.tile(actors, len(rows))
-    pose = arrays.poses[rows][:, actors].reshape(-1, 7)
-    is_present = np.isfinite(pose).all(axis=1)
-    frame, batch_index = frame[is_present], batch_index[is_present]
-    actor, pose = actor[is_present], pose[is_present]
-    mounts = {i: actor_mount(arrays.actors, sensor, i) for i in set(actors.tolist())}
-    mount = np.array([mounts[i] for i in actor.tolist()]).reshape(-1, 7)
-    pose = np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
-    return Views(frame, batch_index, actor, compose(pose, mount), np.full(len(frame), -1, dtype=np.int32))
+    mounts = np.array([actor_mount(arrays.actors, sensor, i) for i in actors.tolist()]).reshape(-1, 7)
+    rows = frame_rows(arrays, frames)
+    return _views(np.asarray(frames, dtype=np.int64), actors, *_mounted(arrays.poses[rows][:, actors], mounts))
+
+
+def _mounted(pose: np.ndarray, mounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return poses of sensors by those of their actors, shape [F, n, 7], and which are there, shape [F, n], bool."""
+    sensor = compose(np.concatenate([pose[..., :3], normalize(pose[..., 3:])], axis=-1), mounts)
+    return sensor, np.isfinite(pose).all(axis=-1)
+
+
+def _views(frames: np.ndarray, actors: np.ndarray, pose: np.ndarray, is_present: np.ndarray) -> Views:
+    """Return the views of the actors that are there; see `_mounted`."""
+    batch_index, place = np.nonzero(is_present)
+    nobody = np.full(len(place), -1, dtype=np.int32)
+    return Views(frames[batch_index], batch_index.astype(np.int32), actors[place], pose[batch_index, place], nobody)
 
 
 def sample_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig) -> Views:
     """Return the views of the frames in which a sensor samples; otherwise as `make_views`."""
-    views = make_views(arrays, frames, sensor)
-    return views.take(sensor.is_due(arrays.numbers(views.frame), arrays.rate_hz))
+    return _due(arrays, make_views(arrays, frames, sensor), sensor)
+
+
+def _due(arrays: SceneData, views: Views, sensor: SensorConfig) -> Views:
+    is_due = sensor.is_due(arrays.numbers(views.frame), arrays.rate_hz)
+    return views if is_due.all() else views.take(is_due)
+
+
+class SensorViews:
+    """The views of several sensors in a batch of frames, `sample_views` of each; poses are composed in one go."""
+
+    def __init__(self, arrays: SceneData, frames: Sequence[int], sensors: tuple[SensorConfig, ...]):
+        """Compose the poses of all sensors on all agents.
+
+        Raises:
+            ValueError: If the scene does not cover a frame.
+        """
+        self._arrays, self._frames = arrays, np.asarray(frames, dtype=np.int64)
+        self._carried = _all_carried(arrays.actors, sensors, arrays.sensing)
+        poses = arrays.poses[frame_rows(arrays, frames)][:, self._carried.actors]
+        self._pose, self._is_present = _mounted(poses, self._carried.mounts)
+
+    def of(self, sensor: SensorConfig) -> Views:
+        """Return the views of one of the sensors, or of another one."""
+        part = self._carried.parts.get(id(sensor))
+        if part is None:
+            return sample_views(self._arrays, self._frames.tolist(), sensor)
+        actors, pose, is_present = self._carried.actors[part], self._pose[:, part], self._is_present[:, part]
+        return _due(self._arrays, _views(self._frames, actors, pose, is_present), sensor)
+
+
+@dataclass(frozen=True)
+class _Carried:
+    """Sensors on their agents, sensor by sensor, n of them."""
+
+    actors: np.ndarray
+    """Index of the agent, shape [n], int32."""
+    mounts: np.ndarray
+    """Sensor to agent, shape [n, 7], float64."""
+    parts: dict[int, slice]
+    """Identity of the configuration of a sensor -> its part of the n."""
+
+
+@remembered(owners=2, size=32)
+def _all_carried(
+    actors: tuple[Actor, ...], sensors: tuple[SensorConfig, ...], sensing: frozenset[str] | None
+) -> _Carried:
+    carriers = [_carriers(actors, sensor, sensing) for sensor in sensors]
+    mounts = [
+        actor_mount(actors, sensor, i) for sensor, own in zip(sensors, carriers, strict=True) for i in own.tolist()
+    ]
+    ends = np.cumsum([0, *map(len, carriers)]).tolist()
+    parts = {id(sensor): slice(*ends[k : k + 2]) for k, sensor in enumerate(sensors)}
+    return _Carried(np.concatenate([np.zeros(0, np.int32), *carriers]), np.array(mounts).reshape(-1, 7), parts)
+
+
+def frame_rows(arrays: SceneData, frames: Iterable[int] | np.ndarray) -> np.ndarray:
+    """Return the rows of `SceneData.poses` that hold some frames, shape [F], int64.
+
+    Raises:
+        ValueError: If the scene does not cover a frame.
+    """
+    frames = np.asarray(frames, dtype=np.int64).tolist()
+    row = {frame: arrays.frame_row(frame) for frame in set(frames)}
+    return np.array([row[frame] for frame in frames], dtype=np.int64)
 
 
 def join_views(parts: Sequence[Views]) -> Views:
@@ -181,7 +262,7 @@ def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.nda
     Raises:
         ValueError: If the scene does not cover a frame of the views.
     """
-    rows = np.array([arrays.frame_row(int(frame)) for frame in views.frame], dtype=np.int64)
+    rows = frame_rows(arrays, views.frame)
     rate = motion.world_rate[rows, views.actor]
     lever_arm = views.pose[:, :3] - arrays.poses[rows, views.actor, :3]
-    return motion.velocity[rows, views.actor] + np.cross(rate, lever_arm), rate
+    return motion.velocity[rows, views.actor] + cross(rate, lever_arm), rate

@@ -1,13 +1,13 @@
 """Hold the context of one scenario's sensors: constant inputs, and the lists that gather its rows."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.config import Config, ScenarioConfig
+from mmw.config import Config, ScenarioConfig, SensorConfig
 from mmw.config.air import AirConfig
 from mmw.core.kinematics import Motion
 from mmw.core.later import Later
@@ -17,7 +17,7 @@ from mmw.kernels.shading import structs as shading
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views
+from mmw.scene.views import SensorViews, Views
 from mmw.sensors.image_encoder import Encoder
 from mmw.sensors.render.appearance_buffers import alpha_cutouts
 from mmw.sensors.rgb.config import RgbCamera
@@ -42,6 +42,16 @@ class Batch:
     puts_off: bool = False
     """True: what threads of the pool would make waits until it is asked for, as in a live frame: most of it is never
     looked at."""
+    _views: dict[tuple[int, ...], SensorViews] = field(default_factory=dict, init=False, repr=False)
+    """Views of the last frames that were asked for."""
+
+    def views(self, frames: Sequence[int], sensor: SensorConfig) -> Views:
+        """Return `mmw.scene.views.sample_views` of a sensor; those of all sensors are composed at the first call."""
+        made = self._views.get(tuple(frames))
+        if made is None:
+            self._views.clear()
+            made = self._views[tuple(frames)] = SensorViews(self.arrays, frames, self.config.sensors)
+        return made.of(sensor)
 
     @cached_property
     def encoder(self) -> Encoder:

@@ -23,7 +23,7 @@ from mmw.core.errors import InputError
 from mmw.core.later import start_all
 from mmw.core.remember import remembered
 from mmw.dataset.frame import Frame
-from mmw.dataset.sample_rows import Row, row_of_columns
+from mmw.dataset.sample_rows import Row, rows_of_columns
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
     capture_boxes,
@@ -128,6 +128,7 @@ class FrameTables:
         self._rows: dict[str, list[Any]] = defaultdict(list)
         self._done: set[Maker] = set()
         self._samples: dict[tuple[str, Maker], Rows] = {}
+        self._by_sensor: dict[int, Mapping[tuple[str, str], Row]] = {}  # by the id of a part, which stays
         self._channel: tuple[Links, PathSet] | None = None
         self._names: tuple[tuple[str, ...], tuple[str, ...]] = (), ()  # of actors and antennas
 
@@ -166,8 +167,7 @@ class FrameTables:
         self.trace([table])
         spec, found = _specs(self._makers)[table], list[Row]()
         for columns in map(_ended, self._rows[table]):
-            whole = self._fixed(columns)
-            found += [row_of_columns(spec, whole, index) for index in range(len(columns["frame"]))]
+            found += rows_of_columns(spec, self._fixed(columns))
         return sorted(found, key=lambda row: [row[name] for name in spec.key])
 
     def _fixed(self, columns: Mapping[str, Any]) -> dict[str, Any]:
@@ -198,11 +198,19 @@ class FrameTables:
             return None
         self.trace_samples(agent, [sensor])
         parts = self._rows[table] if maker in self._done else self._samples[agent, maker].get(table, [])
-        for columns in map(_ended, parts):
-            index = _row_index(columns, agent, sensor)
-            if index is not None:
-                return row_of_columns(_specs(self._makers)[table], self._fixed(columns), index)
+        for part in parts:
+            row = self._rows_by_sensor(table, part).get((agent, sensor))
+            if row is not None:
+                return dict(row)
         return None
+
+    def _rows_by_sensor(self, table: str, part: Any) -> Mapping[tuple[str, str], Row]:
+        """Return the rows of a part of a table by agent and sensor, made at once for all of them."""
+        found = self._by_sensor.get(id(part))
+        if found is None:
+            rows = rows_of_columns(_specs(self._makers)[table], self._fixed(_ended(part)))
+            found = self._by_sensor[id(part)] = {(row["agent"], row["sensor"]): row for row in reversed(rows)}
+        return found
 
     def trace_samples(self, agent: str, sensors: Collection[str]) -> None:
         """Trace some sensors of one agent at once."""
@@ -281,19 +289,6 @@ def static_table_rows(static: Mapping[str, pa.Table], table: str) -> list[Row]:
 
 def _ended(columns: Any) -> Mapping[str, Any]:
     return columns.result() if isinstance(columns, Future) else columns
-
-
-def _row_index(columns: Mapping[str, Any], agent: str, sensor: str) -> int | None:
-    """Return the row of one sensor of one agent in columns of a table of samples; None if there is none."""
-    found: Sequence[int] = range(len(columns["frame"]))
-    for name, wanted in (("sensor", sensor), ("agent", agent)):
-        values = columns[name]
-        if isinstance(values, str):  # of all rows
-            found = found if values == wanted else ()
-        elif found:
-            listed = values if isinstance(values, list) else values.tolist()
-            found = [index for index in found if listed[index] == wanted]
-    return found[0] if found else None
 
 
 class LiveFrame(Frame):

@@ -9,13 +9,14 @@ import pyarrow as pa
 
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, lists, names, sample_columns
+from mmw.scene.table_rows import Columns, names, sample_columns
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, image_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.tables import EDGES
 from mmw.sensors.render.tone_mapping import SATURATION
 from mmw.sensors.rgb.config import RgbCamera
+from mmw.storage.list_column import ListColumn
 from mmw.storage.table_spec import F32, list_of
 
 Images = Sequence[Future[bytes] | bytes]
@@ -70,7 +71,7 @@ def rgb_columns(sensor: RgbCamera, exposure: np.ndarray) -> Columns:
     }
 
 
-def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
+def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array | ListColumn:
     """Return the `depth_m` column: one list of depths [m] a row, 0 for no return; null in every row without images.
 
     `depth_m` has inf for no return, shape [A, H, W], float32.
@@ -78,7 +79,7 @@ def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array:
     if depth_m is None:
         return pa.nulls(len(views), list_of(F32))
     flat = np.where(np.isfinite(depth_m), depth_m, np.float32(0.0)).reshape(len(views), math.prod(depth_m.shape[1:]))
-    return lists(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
+    return ListColumn(np.arange(len(views) + 1, dtype=np.int32) * np.int32(flat.shape[1]), flat.reshape(-1))
 
 
 def box_2d_rows(

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from mmw.scene.views import sample_views
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.ground_truth.visibility_rows import point_rows
 from mmw.sensors.lidar.config import Lidar
@@ -13,7 +12,7 @@ from mmw.sensors.lidar.simulate import sweeps
 def capture_lidar(batch: Batch, sensors: Sequence[Lidar], frames: Sequence[int], collected: TableRows) -> None:
     """Add the sweeps of LiDARs, and how many of their points lie on each actor."""
     for sensor in sensors:
-        views = sample_views(batch.arrays, frames, sensor)
+        views = batch.views(frames, sensor)
         with batch.clock.stage(sensor.name, len(views) * sensor.channels * sensor.points_per_channel):
             for weather, points in sweeps(batch.sensor_input(views, collected), sensor):
                 collected[weather]["lidar"].append(lidar_rows(batch.arrays, sensor.name, views, points))

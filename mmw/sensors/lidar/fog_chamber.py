@@ -1,23 +1,19 @@
 """Place plates in fog before a LiDAR, as in a fog chamber: which come back, and how many rays return fog instead."""
 
-# Warp's structs and small number types are objects, not classes, to a type checker.
-# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from mmw.core.random_keys import random_key
-from mmw.kernels.core import structs
-from mmw.kernels.lidar import trace as lidar
+from mmw.core.transforms import IDENTITY_POSE
 from mmw.kernels.lidar.precipitation import FOG
 from mmw.physics.materials.material import Material, RadioMaterial
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.returns import LidarHits, find_returns
+from mmw.sensors.lidar.sweep_arrays import SweepArrays
 
 SEEN = 0.5
 """Share of the rays on a plate that has to come back from it, for it to be seen."""
@@ -72,25 +68,18 @@ def plates_in_fog(
         device: Warp device name.
     """
     distance = np.asarray(distance_m, dtype=np.float32)
-    shape = len(distance), rays
-    traced = lidar.LidarRays()
-    traced.range = wp.array(np.repeat(distance[:, None], rays, axis=1), dtype=float, device=device)
-    traced.cos_incidence = wp.ones(shape, dtype=float, device=device)
-    traced.object_id = wp.zeros(shape, dtype=int, device=device)
-    traced.material_id = wp.zeros(shape, dtype=int, device=device)
-    views = structs.Views()
-    views.batch_index = wp.zeros(len(distance), dtype=int, device=device)
-    views.pose = wp.array([wp.transform_identity()] * len(distance), dtype=wp.transformf, device=device)
-    views.ignore = wp.full(len(distance), -1, dtype=int, device=device)
-    sweep = lidar.Sweep()
-    sweep.points_per_channel = rays
     directions = np.random.default_rng(seed).normal(size=(rays, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    hits = LidarHits(
-        config, traced, views, sweep,
-        wp.zeros(len(distance), dtype=float, device=device),
-        wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device), device,
-    )  # fmt: skip
+    still = config.model_copy(update={"rolling": False, "deskew": False})
+    arrays = SweepArrays(still, len(distance), device, directions)
+    batch_index, pose, ignore, time_s, *_ = arrays.given.host
+    batch_index[:], pose[:], ignore[:], time_s[:] = 0, IDENTITY_POSE, -1, 0.0
+    arrays.given.upload()
+    arrays.rays.range.assign(np.repeat(distance[:, None], rays, axis=1))
+    arrays.rays.cos_incidence.fill_(1.0)
+    arrays.rays.object_id.zero_()
+    arrays.rays.material_id.zero_()
+    hits = LidarHits(still, arrays)
     plate = Material("plate", RadioMaterial("constant"), "none", reflectance, (reflectance,) * 3)
     keys = np.array([random_key(seed, "fog chamber", str(i)) for i in range(len(distance))], dtype=np.uint32)
     returns, count = find_returns(hits, [plate], weather, keys, random_key(seed, "fog chamber"))

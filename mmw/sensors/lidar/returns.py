@@ -12,7 +12,6 @@ import warp as wp
 
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.remember import remembered
-from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
 from mmw.kernels.lidar import trace as lidar
 from mmw.kernels.lidar.precipitation import Air
@@ -20,6 +19,7 @@ from mmw.physics.materials.material import Material, wet_reflectance
 from mmw.physics.weather.weather import Weather
 from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.precipitation import make_air
+from mmw.sensors.lidar.sweep_arrays import SweepArrays
 
 RETURNS = {
     "strongest": lidar_returns.STRONGEST, "last": lidar_returns.LAST, "dual": lidar_returns.DUAL,
@@ -39,35 +39,31 @@ class LidarHits:
     each."""
 
     config: Lidar
-    rays: lidar.LidarRays
-    """First hits, shape [A, R]; ray r belongs to channel r // points_per_channel."""
-    views: structs.Views
-    """Sensor poses at the frame's instant."""
-    sweep: lidar.Sweep
-    """Firing times of the rays, and the motion of the sensors meanwhile."""
-    time_s: wp.array
-    """Time of each view since the start of the scenario [s], shape [A]."""
-    direction_s: wp.array
-    """Direction of each ray in the sensor frame, shape [R]."""
-    device: str
-    """Warp device name."""
+    arrays: SweepArrays
+    """Poses, motion and hits; the next sweep into the same arrays overwrites them."""
+
+    @property
+    def rays(self) -> lidar.LidarRays:
+        """First hits, shape [A, R]; ray r belongs to channel r // points_per_channel."""
+        return self.arrays.rays
 
     @property
     def shape(self) -> tuple[int, int]:
         """Views, and rays of a view."""
-        return self.views.batch_index.shape[0], self.direction_s.shape[0]
+        return self.arrays.shape
 
 
 def shade_on_device(
     hits: LidarHits, materials: Sequence[Material], weather: Weather, keys: np.ndarray, patch_key: tuple[int, int]
-) -> tuple[np.ndarray, lidar_returns.LidarPoints]:
-    """Return the first point of every view, and N, shape [A + 1], int32; and the points on the device.
+) -> tuple[np.ndarray, wp.array]:
+    """Return the first point of every view, and N, shape [A + 1], int32; and the points, see `SweepArrays.gather`.
 
     See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
     if hits.shape[0] == 0:
-        return np.zeros(1, dtype=np.int32), _allocate_points(hits.config, 0, hits.device)
-    return _gather(hits, *find_returns(hits, materials, weather, keys, patch_key))
+        return np.zeros(1, dtype=np.int32), wp.empty(0, dtype=wp.uint8, device=hits.arrays.device)
+    find_returns(hits, materials, weather, keys, patch_key)
+    return hits.arrays.gather()
 
 
 def find_returns(
@@ -81,27 +77,23 @@ def find_returns(
         raise ValueError(
             "find_lidar_returns: no materials; every id of the scene needs one; pass arrays.materials[weather]"
         )
-    views = hits.shape[0]
+    config, arrays, views = hits.config, hits.arrays, hits.shape[0]
     if keys.shape != (views, 2):
         raise ValueError(
             f"find_lidar_returns: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys"
         )
-    slots = 2 if hits.config.returns == "dual" else 1
-    returns = wp.empty((*hits.shape, slots), dtype=lidar_returns.LidarReturn, device=hits.device)
-    count = wp.empty(hits.shape, dtype=int, device=hits.device)
-    key = wp.array(keys, dtype=wp.vec2ui, device=hits.device)
-    if hits.config.mode == "carla":
-        inputs = [hits.rays, _carla(hits.config), key]
-        wp.launch(lidar_returns.carla_kernel, hits.shape, inputs, [returns, count], device=hits.device)
+    arrays.keys.host[0][:] = keys
+    (key,), outputs = arrays.keys.upload(), [arrays.returns, arrays.count]
+    if config.mode == "carla":
+        arrays.recorder.launch(lidar_returns.carla_kernel, hits.shape, [arrays.rays, _carla(config), key], outputs)
     else:
-        device = str(hits.device)
-        air = _air(hits.config, weather, device, patch_key)
-        reflectance = _reflectance(hits.config, weather, materials, device)
-        traced = [hits.rays, hits.views, hits.sweep, hits.time_s, hits.direction_s]
-        inputs, outputs = [*traced, reflectance, air, detector(hits.config), key], [returns, count]
-        kernel = lidar_returns.physical_kernel
-        wp.launch(kernel, hits.shape, inputs, outputs, device=hits.device, block_dim=BLOCK_DIM)
-    return returns, count
+        device = str(arrays.device)
+        air = _air(config, weather, device, patch_key)
+        reflectance = _reflectance(config, weather, materials, device)
+        traced = [arrays.rays, arrays.views, arrays.sweep, arrays.time_s, arrays.pattern[0]]
+        inputs = [*traced, reflectance, air, detector(config), key]
+        arrays.recorder.launch(lidar_returns.physical_kernel, hits.shape, inputs, outputs, BLOCK_DIM)
+    return arrays.returns, arrays.count
 
 
 @remembered(owners=2, size=32)
@@ -142,6 +134,7 @@ def detector(config: Lidar) -> lidar_returns.Detector:
     return found
 
 
+@remembered(size=32)
 def _carla(config: Lidar) -> lidar_returns.CarlaLidar:
     given = config.carla
     carla = lidar_returns.CarlaLidar()
@@ -151,24 +144,3 @@ def _carla(config: Lidar) -> lidar_returns.CarlaLidar:
     carla.zero_loss = given.dropoff_zero_intensity
     carla.noise = given.noise_stddev
     return carla
-
-
-def _gather(hits: LidarHits, returns: wp.array, count: wp.array) -> tuple[np.ndarray, lidar_returns.LidarPoints]:
-    returns_up_to = wp.empty_like(count)
-    wp.utils.array_scan(count.flatten(), returns_up_to.flatten(), inclusive=True)
-    ends = returns_up_to[:, hits.shape[1] - 1].contiguous().numpy()
-    offsets = np.concatenate([np.zeros(1, dtype=np.int32), ends])
-    points = _allocate_points(hits.config, int(offsets[-1]), hits.device)
-    found = [hits.rays, returns, count, returns_up_to]
-    inputs = [*found, hits.direction_s, hits.views, hits.sweep, hits.config.deskew]
-    wp.launch(lidar_returns.gather_kernel, hits.shape, inputs, [points], device=hits.device)
-    return offsets, points
-
-
-def _allocate_points(config: Lidar, count: int, device: str) -> lidar_returns.LidarPoints:
-    points = lidar_returns.LidarPoints()
-    points.values = wp.empty((4, count), dtype=float, device=device)
-    points.object_id = wp.empty(count, dtype=int, device=device)
-    points.marks = wp.empty((3 if config.returns == "dual" else 2, count), dtype=wp.uint8, device=device)
-    points.time_offset = wp.empty(count if config.rolling else 0, dtype=float, device=device)
-    return points

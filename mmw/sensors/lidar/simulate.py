@@ -4,7 +4,8 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -12,21 +13,21 @@ import warp as wp
 from mmw.core.frame_rate import seconds
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.random_keys import random_key
-from mmw.core.remember import remembered
 from mmw.core.transfer import to_host
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views, view_twists
-from mmw.sensors.lidar.config import Lidar, sweep_duration
+from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.points import PointCloud
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
-from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
 from mmw.sensors.lidar.scene_flow import scene_flow
-from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
-from mmw.sensors.samples import Array, Output
+from mmw.sensors.lidar.sweep_arrays import SweepArrays
+from mmw.sensors.ray_batch import BLOCK_DIM, check_count
+from mmw.sensors.samples import Output
 from mmw.sensors.sensor_input import SensorInput
+from mmw.sensors.workspace import workspace
 
 
 def simulate(data: SensorInput, config: Lidar) -> dict[str, PointCloud]:
@@ -40,7 +41,7 @@ def sweeps(data: SensorInput, config: Lidar) -> Iterator[tuple[str, PointCloud]]
     In `carla` the random numbers are the same in every weather, because weather does nothing there.
     """
     arrays = data.scene.arrays
-    hits = trace_lidar_hits(data.scene, data.views, config, data.motion)
+    hits = trace_lidar_hits(data.scene, data.views, config, data.motion, data.cache)
     for name, weather in data.weathers.items():
         keys = data.keys(name if config.mode == "physical" else "", config.name)
         patch_key = random_key(data.seed_of_scene, data.scenario, name, "fog")
@@ -56,26 +57,13 @@ def _with_flow(data: SensorInput, points: PointCloud) -> PointCloud:
     return replace(points, scene_flow=wp.array(flow, dtype=float, device=data.scene.device))
 
 
-@dataclass(frozen=True)
-class _Pattern:
-    """Rays of a LiDAR on a device."""
-
-    direction_s: wp.array
-    """Direction of each ray in the sensor frame, shape [R]."""
-    order: wp.array
-    """Numbers of the rays in the order of the threads, shape [R], int32."""
-
-
-@remembered(size=32)
-def _on_device(config: Lidar, device: str) -> _Pattern:
-    order = lidar_order(config.channels, config.points_per_channel)
-    return _Pattern(
-        wp.array(lidar_pattern(config).astype(np.float32), dtype=wp.vec3, device=device),
-        wp.array(order, dtype=wp.int32, device=device),
-    )
-
-
-def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | None = None) -> LidarHits:
+def trace_lidar_hits(
+    scene: DeviceScene,
+    views: Views,
+    config: Lidar,
+    motion: Motion | None = None,
+    store: dict[Any, Any] | None = None,
+) -> LidarHits:
     """Return the first surface on every ray of every view.
 
     Args:
@@ -84,41 +72,29 @@ def trace_lidar_hits(scene: DeviceScene, views: Views, config: Lidar, motion: Mo
         views: Sensor poses, A rows.
         config: Pattern and range.
         motion: `differentiate(scene.arrays.poses, scene.arrays.pose_dt)`, if at hand; only a rolling sweep looks at it.
+        store: Where the arrays of small batches are kept, `SensorInput.cache`: the next hits of the same LiDAR then
+            overwrite these. None for hits that stay.
 
     Raises:
         InputError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
     """
-    device = scene.device
-    pattern = _on_device(config, str(device))
-    shape = len(views), config.channels * config.points_per_channel
-    check_count("LiDAR", *shape, 2 if config.returns == "dual" else 1)
-    rays = empty_struct(lidar.LidarRays, shape, device)
-    hits = LidarHits(
-        config,
-        rays,
-        views.for_scene(scene),
-        _sweep(scene, views, config, motion),
-        wp.array(seconds(scene.arrays.numbers(views.frame), scene.arrays.rate_hz), dtype=wp.float32, device=device),
-        pattern.direction_s,
-        device,
-    )
-    if len(views):
-        kernel, sweep = (lidar.rolling_kernel, [hits.sweep]) if config.rolling else (lidar.lidar_kernel, [])
-        inputs = [scene.struct, hits.views, *sweep, hits.direction_s, pattern.order, config.range_m]
-        wp.launch(kernel, shape, inputs, [rays], device=device, block_dim=BLOCK_DIM)
-    return hits
-
-
-def _sweep(scene: DeviceScene, views: Views, config: Lidar, motion: Motion | None) -> lidar.Sweep:
-    sweep = lidar.Sweep()
-    sweep.points_per_channel = config.points_per_channel
+    count, rays = len(views), config.channels * config.points_per_channel
+    check_count("LiDAR", count, rays, 2 if config.returns == "dual" else 1)
+    store = {} if store is None else store
+    arrays = workspace(store, config, count, rays, lambda: SweepArrays(config, count, scene.device))
+    if not count:
+        return LidarHits(config, arrays)
+    *own, time_s, velocity, rate = arrays.given.host
+    views.write(scene, own)
+    time_s[:] = seconds(scene.arrays.numbers(views.frame), scene.arrays.rate_hz)
     if config.rolling:
-        twists = view_twists(scene.arrays, motion or differentiate(scene.arrays.poses, scene.arrays.pose_dt), views)
-        sweep.duration_s = sweep_duration(config)
-        sweep.velocity, sweep.rate = (
-            wp.array(twist.astype(np.float32), dtype=wp.vec3, device=scene.device) for twist in twists
-        )
-    return sweep
+        motion = motion or differentiate(scene.arrays.poses, scene.arrays.pose_dt)
+        velocity[:], rate[:] = view_twists(scene.arrays, motion, views)
+    arrays.given.upload()
+    kernel, sweep = (lidar.rolling_kernel, [arrays.sweep]) if config.rolling else (lidar.lidar_kernel, [])
+    inputs = [scene.struct, arrays.views, *sweep, *arrays.pattern, config.range_m]
+    arrays.recorder.launch(kernel, arrays.shape, inputs, [arrays.rays], BLOCK_DIM)
+    return LidarHits(config, arrays)
 
 
 def find_lidar_returns(
@@ -144,18 +120,4 @@ def find_lidar_returns(
         InputError: If there are no materials, or not one key a view.
     """
     offsets, points = shade_on_device(hits, materials, weather, keys, patch_key)
-    found = [points.values, points.object_id, points.marks, points.time_offset]
-    values, object_id, marks, time_offset = to_host(found) if output == "numpy" else found
-    ring, label = marks[0], marks[1]
-    return PointCloud(
-        offsets, values.transpose(), ring, object_id, label,
-        time_offset if hits.config.rolling else _zeros(points.object_id, wp.float32, output),
-        marks[2] if hits.config.returns == "dual" else _zeros(points.object_id, wp.uint8, output),
-    )  # fmt: skip
-
-
-def _zeros(like: wp.array, dtype: type, output: Output) -> Array:
-    """Return zeros for each return of a column."""
-    if output == "numpy":
-        return np.zeros(like.shape, dtype=wp.dtype_to_numpy(dtype))
-    return wp.zeros(like.shape, dtype=dtype, device=like.device)
+    return PointCloud(offsets, **hits.arrays.columns(points, int(offsets[-1]), output))

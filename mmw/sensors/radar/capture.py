@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-from mmw.scene.views import sample_views
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.ground_truth.visibility_rows import point_rows
 from mmw.sensors.radar.config import Radar
@@ -14,7 +13,7 @@ def capture_radar(batch: Batch, sensors: Sequence[Radar], frames: Sequence[int],
     """Add the samples of radars, and how many of their points lie on each actor."""
     arrays = batch.arrays
     for sensor in sensors:
-        views = sample_views(arrays, frames, sensor)
+        views = batch.views(frames, sensor)
         with batch.clock.stage(sensor.name, len(views) * sensor.ray_count):
             for weather, points in scans(batch.sensor_input(views, collected), sensor):
                 tables = collected[weather]

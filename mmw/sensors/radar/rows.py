@@ -4,9 +4,10 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, lists, sample_columns
+from mmw.scene.table_rows import Columns, sample_columns
 from mmw.scene.views import Views
 from mmw.sensors.radar.points import RadarMaps, RadarPoints
+from mmw.storage.list_column import ListColumn
 
 
 def radar_rows(arrays: SceneData, sensor: str, views: Views, points: RadarPoints) -> Columns:
@@ -20,7 +21,7 @@ def radar_rows(arrays: SceneData, sensor: str, views: Views, points: RadarPoints
         "path_type",
     ):  # fmt: skip
         values = getattr(points, name)
-        columns[name] = pa.nulls(len(views)) if values is None else lists(points.offsets, values)
+        columns[name] = pa.nulls(len(views)) if values is None else ListColumn(points.offsets, values)
     return columns
 
 
@@ -40,7 +41,7 @@ def radar_map_rows(arrays: SceneData, sensor: str, views: Views, maps: RadarMaps
             name: np.full(len(views), getattr(maps, name))
             for name in ("row_first", "row_step", "column_first", "column_step")
         },
-        "values": lists(_offsets(maps.values), maps.values.reshape(-1)),
+        "values": ListColumn(_offsets(maps.values), maps.values.reshape(-1)),
     }
 
 
@@ -58,6 +59,6 @@ def radar_iq_rows(arrays: SceneData, sensor: str, views: Views, samples: np.ndar
     return {
         **sample_columns(arrays, sensor, views.frame, views.actor),
         **{name: np.full(len(views), size, dtype=np.int32) for name, size in sizes.items()},
-        "i": lists(offsets, samples.real.reshape(-1)),
-        "q": lists(offsets, samples.imag.reshape(-1)),
+        "i": ListColumn(offsets, samples.real.reshape(-1)),
+        "q": ListColumn(offsets, samples.imag.reshape(-1)),
     }
