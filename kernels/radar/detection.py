@@ -28,9 +28,10 @@ class RainLink:
 
 @wp.struct
 class Candidates:
-    """Cells above the threshold, shape [D], ordered by view and range."""
+    """Cells above the threshold, shape [D], ordered by view and range; there may be more room than candidates."""
 
     view: wp.array[int]
+    """-1 where there is no candidate."""
     range: wp.array[float]
     velocity: wp.array[float]
     y: wp.array[float]
@@ -43,13 +44,13 @@ def uniform_kernel(
     key: wp.array[wp.vec2ui],
     view: wp.array[int],
     item: wp.array[int],
-    draw: int,
+    draw: wp.array[int],
     # out
     uniform_out: wp.array[wp.vec4],
 ):
     """Draw four uniform numbers for each item of a list. Launch: dim=N."""
     i = wp.tid()
-    uniform_out[i] = uniform4(key[view[i]], item[i], draw)
+    uniform_out[i] = uniform4(key[view[i]], item[i], draw[i])
 
 
 @wp.kernel
@@ -57,13 +58,13 @@ def normal_kernel(
     key: wp.array[wp.vec2ui],
     view: wp.array[int],
     item: wp.array[int],
-    draw: int,
+    draw: wp.array[int],
     # out
     normal_out: wp.array[wp.vec4],
 ):
     """Draw four standard normal numbers for each item of a list. Launch: dim=N."""
     i = wp.tid()
-    u = uniform4(key[view[i]], item[i], draw)
+    u = uniform4(key[view[i]], item[i], draw[i])
     first = normal2(u[0], u[1])
     second = normal2(u[2], u[3])
     normal_out[i] = wp.vec4(first[0], first[1], second[0], second[1])

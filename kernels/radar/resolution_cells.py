@@ -171,9 +171,12 @@ def cell_start_kernel(
     first_up_to: wp.array[int],
     # out
     start_out: wp.array[int],
+    occupied_out: wp.array[int],
 ):
-    """Write where each cell starts in the sorted rays. Launch: dim=A * R."""
+    """Write where each cell starts in the sorted rays, and the number of cells. Launch: dim=A * R."""
     i = wp.tid()
+    if i == 0:
+        occupied_out[0] = first_up_to[first_up_to.shape[0] - 1]
     if is_first[i] == 1:
         start_out[first_up_to[i] - 1] = i
 

@@ -3,12 +3,13 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 import warp as wp
 
+from mmw.core.launch_recorder import LaunchRecorder
 from mmw.core.transfer import scalar_type, to_host
 
 ALIGNMENT = 64
@@ -49,6 +50,11 @@ class PackedArrays:
         self.arrays = _views(self._block, layouts, self._offsets)
         self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
+
+    @cached_property
+    def recorder(self) -> LaunchRecorder:
+        """Launches on the arrays of the block."""
+        return LaunchRecorder(self._key[0])
 
     def upload(self) -> list[wp.array]:
         """Copy the block to the device, and return the arrays there."""

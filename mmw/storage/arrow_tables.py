@@ -29,7 +29,8 @@ def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
         name: Table name.
         columns: Every column of the table by name. A column is a NumPy array, an Arrow array, a sequence, or one scalar
             (text, number or truth value) for all rows. A list column is a sequence of arrays, one per row, a
-            `ListColumn` or an Arrow list array. An image column is a sequence of `(bytes, path)` pairs, None for no image.
+            `ListColumn` or an Arrow list array. An image column is a sequence of `(bytes, path)` pairs, None for no
+            image.
 
     Raises:
         ValueError: If a column is missing or unknown, lengths differ, a value does not fit its type, a value that must

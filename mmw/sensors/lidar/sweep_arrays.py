@@ -105,7 +105,11 @@ class SweepArrays:
         points = self._points if is_small else self._room(int(self._flat[1][-1:].numpy()[0]))
         found = [self.rays, self.returns, self.count, self.up_to]
         inputs = [*found, self.pattern[0], self.views, self.sweep, self.config.deskew]
-        self.recorder.launch(lidar_returns.gather_kernel, self.shape, inputs, [points, self._ends.arrays[0]])
+        kernel, outputs = lidar_returns.gather_kernel, [points, self._ends.arrays[0]]
+        if is_small:
+            self.recorder.launch(kernel, self.shape, inputs, outputs)
+        else:
+            wp.launch(kernel, self.shape, inputs, outputs, device=self.device)
         offsets = np.zeros(self.shape[0] + 1, dtype=np.int32)
         offsets[1:] = self._ends.download()[0]
         size = self._return_bytes * int(offsets[-1])

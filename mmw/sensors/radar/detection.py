@@ -22,6 +22,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.packed_arrays import borrow_arrays, padded_count
+from mmw.core.remember import remembered
 from mmw.kernels.radar import detection as radar_detection
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.sensors.radar.config import Radar
@@ -58,14 +59,21 @@ class _Points:
     path_type: np.ndarray
 
 
+_COLUMNS = tuple(field.name for field in fields(_Points))
+
+
 def cell_echoes(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) -> np.ndarray:
     """Return what each occupied cell receives, echo and noise [W], shape [K], float64; keyed by view and cell."""
+    kernel = radar_detection.normal_kernel if config.coherent else radar_detection.uniform_kernel
+    return _echoes(config, cells, _draw(kernel, keys, cells.view, cells.cell, ECHO_DRAW, device))
+
+
+def _echoes(config: Radar, cells: RadarCells, numbers: np.ndarray) -> np.ndarray:
+    """Return the same of numbers that are drawn, shape [K, 4]: normal for `Radar.coherent`, else uniform."""
     if config.coherent:
-        normal = _draw(radar_detection.normal_kernel, keys, cells.view, cells.cell, ECHO_DRAW, device)
-        noise = normal * math.sqrt(config.noise_w / 2.0)
+        noise = numbers * math.sqrt(config.noise_w / 2.0)
         return (np.sqrt(cells.power.astype(np.float64)) + noise[:, 0]) ** 2 + noise[:, 1] ** 2
-    u = uniform(keys, cells.view, cells.cell, ECHO_DRAW, device)[:, 0]
-    return -np.log(u) * (config.noise_w + cells.power.astype(np.float64))
+    return -np.log(numbers[:, 0]) * (config.noise_w + cells.power.astype(np.float64))
 
 
 def detect(config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str) -> RadarPoints:
@@ -85,40 +93,90 @@ def detect(config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: 
         keys: Key of each view's random numbers, with the weather, shape [A, 2], uint32.
         device: Warp device name.
     """
-    found = [_objects(config, cells, keys, device)]
+    noise = _noise_cells(config, len(keys))
+    echoes, u, place = _first_draws(config, cells, noise, keys, device)
+    found = [_objects(config, cells, echoes)]
     if clutter is not None:
         found.append(_rain(config, clutter, keys, device))
-    found.append(_false_alarms(config, cells, clutter, keys, device))
-    points = _Points(*(np.concatenate([getattr(part, f.name) for part in found]) for f in fields(_Points)))
+    found.append(_false_alarms(config, noise, cells, clutter, u, place))
+    points = _Points(*(np.concatenate(columns) for columns in zip(*map(_columns, found), strict=True)))
     points = _select(points, np.lexsort((points.range.astype(np.float32), points.view)))
-    points = _select(points, _is_peak(config, points, device))
-    measured = _measured(config, points, keys, device)
+    is_peak, normal = _peaks(config, points, keys, device)
+    points = _select(points, is_peak)
+    measured = _measured(config, points, normal[is_peak], len(keys))
     return measured if cells.path_type is None else replace(measured, path_type=points.path_type)
 
 
+@dataclass(frozen=True)
+class _NoiseCells:
+    """Cells of the field of view of a radar, which false alarms are drawn in, and the items of their random numbers."""
+
+    y_cells: np.ndarray
+    z_cells: np.ndarray
+    shape: tuple[int, int, int, int]
+    """Number of cells in range, velocity, y and z."""
+    most: int
+    """False alarms of a view: more are ten standard deviations away."""
+    view: np.ndarray
+    """View of each item, shape [A most]."""
+    item: np.ndarray
+    """Number of each item in its view, shape [A most]."""
+
+
+@remembered(size=32)
+def _noise_cells(config: Radar, views: int) -> _NoiseCells:
+    grid = cell_grid(config)
+    y_cells = angle_cells(grid.ys, config.horizontal_fov_deg)
+    z_cells = angle_cells(grid.zs, config.vertical_fov_deg)
+    shape = (grid.ranges, grid.velocities, len(y_cells), len(z_cells))
+    mean = math.prod(shape) * config.false_alarm_probability
+    most = math.ceil(mean + 10.0 * math.sqrt(mean) + 20.0)
+    view, item = np.repeat(np.arange(views), most), np.tile(np.arange(most), views)
+    return _NoiseCells(y_cells, z_cells, shape, most, view, item)
+
+
+def _first_draws(
+    config: Radar, cells: RadarCells, noise: _NoiseCells, keys: np.ndarray, device: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return `cell_echoes`, and the uniform numbers of false alarms and of their places, shape [A most, 4] each.
+
+    All are drawn at once, as each draw waits for the device.
+    """
+    first = 0 if config.coherent else len(cells.view)
+    own = (cells.view, cells.cell) if first else (noise.view[:0], noise.item[:0])
+    view, item = (np.concatenate(parts) for parts in zip(own, *[(noise.view, noise.item)] * 2, strict=True))
+    draw = np.repeat((ECHO_DRAW, ALARM_DRAW, ALARM_PLACE_DRAW), (first, len(noise.view), len(noise.view)))
+    echo, u, place = np.split(uniform(keys, view, item, draw, device), (first, first + len(noise.view)))
+    echoes = _echoes(config, cells, echo) if not config.coherent else cell_echoes(config, cells, keys, device)
+    return echoes, u, place
+
+
+def _columns(points: _Points) -> list[np.ndarray]:
+    return [getattr(points, name) for name in _COLUMNS]
+
+
 def _draw(
-    kernel: wp.Kernel, keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str
+    kernel: wp.Kernel, keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int | np.ndarray, device: str
 ) -> np.ndarray:
     count, room = len(view), padded_count(len(view))
-    block = borrow_arrays(
-        device, ((len(keys),), wp.vec2ui), ((room,), wp.int32), ((room,), wp.int32), ((room,), wp.vec4)
-    )
-    block.host[0][:], block.host[1][:count], block.host[2][:count] = keys, view, item
+    block = borrow_arrays(device, ((len(keys),), wp.vec2ui), *[((room,), wp.int32)] * 3, ((room,), wp.vec4))
+    host = block.host
+    host[0][:], host[1][:count], host[2][:count], host[3][:count] = keys, view, item, draw
     *inputs, out = block.upload()
-    wp.launch(kernel, count, [*inputs, draw], [out], device=device)
-    numbers = block.download()[3][:count].astype(np.float64)
+    block.recorder.launch(kernel, (count,), inputs, [out])
+    numbers = block.download()[4][:count].astype(np.float64)
     block.release()
     return numbers
 
 
-def uniform(keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int, device: str) -> np.ndarray:
+def uniform(keys: np.ndarray, view: np.ndarray, item: np.ndarray, draw: int | np.ndarray, device: str) -> np.ndarray:
     """Return four uniform numbers in (0, 1) for each item of a list, shape [N, 4], float64.
 
     Args:
         keys: Key of each view's random numbers, shape [A, 2], uint32.
         view: View of each item, shape [N].
         item: Cell, pixel or number, shape [N].
-        draw: Which draw of the item.
+        draw: Which draw of the item, one for all or shape [N].
         device: Warp device name.
     """
     return _draw(radar_detection.uniform_kernel, keys, view, item, draw, device)
@@ -130,11 +188,11 @@ def threshold(config: Radar) -> float:
 
 
 def _select(points: _Points, rows: np.ndarray) -> _Points:
-    return _Points(*(getattr(points, f.name)[rows] for f in fields(_Points)))
+    return _Points(*(column[rows] for column in _columns(points)))
 
 
-def _objects(config: Radar, cells: RadarCells, keys: np.ndarray, device: str) -> _Points:
-    power = cell_echoes(config, cells, keys, device)
+def _objects(config: Radar, cells: RadarCells, power: np.ndarray) -> _Points:
+    """Return the occupied cells above the threshold; `power` is from `cell_echoes`."""
     rcs = cells.rcs * (power - config.noise_w) / cells.power
     label = np.full(len(power), LABEL_OBJECT, dtype=np.uint8)
     places = (cells.range, cells.velocity, cells.y, cells.z)
@@ -169,28 +227,25 @@ def _rain(config: Radar, clutter: RainClutter, keys: np.ndarray, device: str) ->
 
 
 def _false_alarms(
-    config: Radar, cells: RadarCells, clutter: RainClutter | None, keys: np.ndarray, device: str
+    config: Radar,
+    noise: _NoiseCells,
+    cells: RadarCells,
+    clutter: RainClutter | None,
+    u: np.ndarray,
+    in_cell: np.ndarray,
 ) -> _Points:
     """Return the cells of the field of view in which noise alone exceeds the threshold.
 
     The cells form a line; from one false alarm to the next it is a geometric number of cells. Cells that echoes or
-    rain were drawn for have had their noise.
+    rain were drawn for have had their noise. `u` and `in_cell` are the uniform numbers of `_first_draws`.
     """
-    grid = cell_grid(config)
-    y_cells = angle_cells(grid.ys, config.horizontal_fov_deg)
-    z_cells = angle_cells(grid.zs, config.vertical_fov_deg)
-    shape = (grid.ranges, grid.velocities, len(y_cells), len(z_cells))
-    views, total, chance = len(keys), math.prod(shape), config.false_alarm_probability
-    mean = total * chance
-    most = math.ceil(mean + 10.0 * math.sqrt(mean) + 20.0)  # more is ten standard deviations away
-    view, item = np.repeat(np.arange(views), most), np.tile(np.arange(most), views)
-    u = uniform(keys, view, item, ALARM_DRAW, device)
-    gap = np.floor(np.log(u[:, 0]) / math.log1p(-chance)) + 1.0
-    place = (np.cumsum(gap.reshape(views, most), axis=1) - 1.0).reshape(-1)
-    is_there = place < total
-    view, item, u, place = view[is_there], item[is_there], u[is_there], place[is_there].astype(np.int64)
+    grid, shape = cell_grid(config), noise.shape
+    gap = np.floor(np.log(u[:, 0]) / math.log1p(-config.false_alarm_probability)) + 1.0
+    place = (np.cumsum(gap.reshape(-1, noise.most), axis=1) - 1.0).reshape(-1)
+    is_there = place < math.prod(shape)
+    view, u, in_cell, place = noise.view[is_there], u[is_there], in_cell[is_there], place[is_there].astype(np.int64)
     r, v, y, z = np.unravel_index(place, shape)
-    y, z = y_cells[y], z_cells[z]
+    y, z = noise.y_cells[y], noise.z_cells[z]
     v = centred(v, grid.velocities)
     cell = number(grid, r, v, y, z)
     per_view = np.int64(2**31)
@@ -200,8 +255,8 @@ def _false_alarms(
     if clutter is not None:
         is_occupied |= _is_rain(config, clutter, view, r, v, y, z)
     rows = ~is_occupied & ((y * grid.y_step) ** 2 + (z * grid.z_step) ** 2 <= 1.0)
-    view, item, cell, u = view[rows], item[rows], cell[rows], u[rows]
-    places = _inside(grid, r[rows], v[rows], y[rows], z[rows], uniform(keys, view, item, ALARM_PLACE_DRAW, device))
+    view, cell, u = view[rows], cell[rows], u[rows]
+    places = _inside(grid, r[rows], v[rows], y[rows], z[rows], in_cell[rows])
     power = threshold(config) - config.noise_w * np.log(u[:, 1])
     rcs = (power - config.noise_w) * places[0] ** 4 / config.link_constant
     nothing, label = np.full(len(view), -1, dtype=np.int32), np.full(len(view), LABEL_FALSE_ALARM, dtype=np.uint8)
@@ -223,25 +278,36 @@ def _is_rain(
     return is_drawn & ((v - first) % count <= last - first)
 
 
-def _is_peak(config: Radar, points: _Points, device: str) -> np.ndarray:
-    count = len(points.view)
-    if count == 0:  # an array without columns has no rows to take
-        return np.zeros(0, dtype=bool)
-    candidates, is_peak = radar_detection.Candidates(), wp.empty(count, dtype=int, device=device)
-    names = ("range", "velocity", "y", "z", "power")
-    values = np.stack([getattr(points, name).astype(np.float32) for name in names])
-    on_device = wp.array(values, dtype=float, device=device)
-    candidates.view = wp.array(points.view.astype(np.int32), dtype=int, device=device)
-    for row, name in enumerate(names):
-        setattr(candidates, name, on_device[row])
-    wp.launch(radar_detection.peak_kernel, count, [candidates, cell_grid(config)], [is_peak], device=device)
-    return is_peak.numpy() != 0
+def _peaks(config: Radar, points: _Points, keys: np.ndarray, device: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return which points have no stronger one less than a cell away, and four normal numbers of each, shape [D, 4]."""
+    count, room = len(points.view), padded_count(len(points.view))
+    places = ("range", "velocity", "y", "z", "power")
+    block = borrow_arrays(
+        device,
+        ((len(keys),), wp.vec2ui),
+        *[((room,), wp.int32)] * 3,
+        *[((room,), wp.float32)] * len(places),
+        ((room,), wp.int32),
+        ((room,), wp.vec4),
+    )
+    key, view, cell, draw, *values = block.host[:-2]
+    key[:], view[:count], view[count:], cell[:count], draw[:count] = keys, points.view, -1, points.cell, ERROR_DRAW
+    for name, column in zip(places, values, strict=True):
+        column[:count] = getattr(points, name)
+    arrays = block.upload()
+    candidates = block.struct(radar_detection.Candidates, None, "view", None, None, *places, None, None)
+    block.recorder.launch(radar_detection.peak_kernel, (count,), [candidates, cell_grid(config)], [arrays[-2]])
+    block.recorder.launch(radar_detection.normal_kernel, (count,), arrays[:4], [arrays[-1]])
+    *_, is_peak, normal = block.download()
+    found = is_peak[:count] != 0, normal[:count].astype(np.float64)
+    block.release()
+    return found
 
 
-def _measured(config: Radar, points: _Points, keys: np.ndarray, device: str) -> RadarPoints:
+def _measured(config: Radar, points: _Points, normal: np.ndarray, views: int) -> RadarPoints:
+    """Return the points of some views as they are measured, with errors from four normal numbers of each."""
     grid = cell_grid(config)
     snr = (points.power - config.noise_w) / config.noise_w
-    normal = _draw(radar_detection.normal_kernel, keys, points.view, points.cell, ERROR_DRAW, device)
     error = np.clip(normal / (BARTON * np.sqrt(2.0 * snr))[:, None], -0.5, 0.5)
     error *= (points.label == LABEL_OBJECT)[:, None]  # the others are anywhere in their cell already
     range_ = np.abs(points.range + error[:, 0] * grid.range_step)
@@ -250,7 +316,7 @@ def _measured(config: Radar, points: _Points, keys: np.ndarray, device: str) -> 
     z = _folded(points.z + error[:, 3] * grid.z_step, 1.0) if grid.zs > 1 else points.z
     z = np.clip(z, -1.0, 1.0)
     azimuth = np.arctan2(y, np.sqrt(np.maximum(1.0 - y**2 - z**2, 0.0)))
-    offsets = np.searchsorted(points.view, np.arange(len(keys) + 1)).astype(np.int32)
+    offsets = np.searchsorted(points.view, np.arange(views + 1)).astype(np.int32)
     places = (value.astype(np.float32) for value in (range_, azimuth, np.arcsin(z), velocity))
     power = decibels((points.power - config.noise_w) * 1000.0)
     return RadarPoints(

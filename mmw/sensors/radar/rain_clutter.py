@@ -10,6 +10,9 @@ import numpy as np
 import warp as wp
 
 from mmw.core.errors import InputError
+from mmw.core.packed_arrays import borrow_arrays, device_arrays
+from mmw.core.remember import remembered
+from mmw.core.transfer import to_host
 from mmw.core.transforms import rotate
 from mmw.kernels.radar import detection as radar_detection
 from mmw.physics.weather.optics import marshall_palmer
@@ -163,6 +166,41 @@ def rain_clutter(
     """
     if weather.rain_mm_h <= 0.0:
         return None
+    rain = _rain(weather, config, device)
+    los = rotate(pose[:, None, 3:], rain.los_s[None])
+    drift = np.asarray(weather.wind) - np.array([0.0, 0.0, rain.mean_fall]) - velocity
+    mean_velocity = np.einsum("aji,ai->aj", los, drift)
+    spread = np.sqrt(TURBULENCE_M_S**2 + (rain.fall_spread * los[..., 2]) ** 2)
+    shape = (len(pose), cell_grid(config).ranges, len(rain.los_s))
+    power, cell = device_arrays(device, ((shape, wp.float32), (shape, wp.int32)))
+    given = borrow_arrays(device, *[(mean_velocity.shape, wp.float32)] * 2, ((len(keys),), wp.vec2ui))
+    given.host[0][:], given.host[1][:], given.host[2][:] = mean_velocity, spread, keys
+    *motion, key = given.upload()
+    inputs = [key, cell_grid(config), rain.link, rain.gain, *motion]
+    wp.launch(radar_detection.rain_kernel, shape, inputs, [power, cell], device=device)
+    clutter = RainClutter(*to_host([power, cell]), rain.y_cell, rain.z_cell, rain.rcs_per_w, mean_velocity, spread)
+    given.release()
+    return clutter
+
+
+@dataclass(frozen=True)
+class _Rain:
+    """The rain of a weather as a radar meets it in J directions, whatever its pose."""
+
+    y_cell: np.ndarray
+    z_cell: np.ndarray
+    rcs_per_w: np.ndarray
+    los_s: np.ndarray
+    """Directions in the sensor frame, shape [J, 3]."""
+    mean_fall: float
+    fall_spread: float
+    link: radar_detection.RainLink
+    gain: wp.array
+    """Two-way gain over boresight times the solid angle of each direction [sr], shape [J]."""
+
+
+@remembered(owners=2, size=32)
+def _rain(weather: Weather, config: Radar, device: str) -> _Rain:
     grid = cell_grid(config)
     axes = (
         (grid.y_step, grid.ys, config.horizontal_fov_deg),
@@ -181,12 +219,6 @@ def rain_clutter(
     upward = np.arcsin(z) / math.radians(config.vertical_beam_deg or config.vertical_fov_deg)
     gain = np.exp(-8.0 * math.log(2.0) * (across**2 + upward**2)) * solid_angle
 
-    mean_fall, fall_spread = fall_speed(weather.rain_mm_h)
-    los = rotate(pose[:, None, 3:], np.stack([x, y, z], axis=-1)[None])
-    drift = np.asarray(weather.wind) - np.array([0.0, 0.0, mean_fall]) - velocity
-    mean_velocity = np.einsum("aji,ai->aj", los, drift)
-    spread = np.sqrt(TURBULENCE_M_S**2 + (fall_spread * los[..., 2]) ** 2)
-
     eta = rain_backscatter(weather.rain_mm_h, config.carrier_hz)
     rain = radar_detection.RainLink()
     link_constant = config.link_constant * 10.0 ** (-radome_loss_db(weather, config) / 10.0)
@@ -194,12 +226,9 @@ def rain_clutter(
     rain.loss_per_m = 2.0 * air_loss_db_per_km(weather, config.carrier_hz) / 1000.0 * math.log(10.0) / 10.0
     rain.noise, rain.least, rain.draw = config.noise_w, MIN_SHARE * config.noise_w, RAIN_DRAW
     rain.nearest = math.ceil(NEAREST_M / grid.range_step)
-    shape = (len(pose), grid.ranges, len(gain))
-    power, cell = wp.empty(shape, dtype=float, device=device), wp.empty(shape, dtype=int, device=device)
-    arrays = [wp.array(a.astype(np.float32), dtype=float, device=device) for a in (gain, mean_velocity, spread)]
-    inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), grid, rain, *arrays]
-    wp.launch(radar_detection.rain_kernel, shape, inputs, [power, cell], device=device)
     distance = np.maximum(np.arange(grid.ranges), 0.5)[:, None] * grid.range_step
     loss = np.exp(-rain.loss_per_m * distance)
     rcs_per_w = distance**4 / (link_constant * (gain / solid_angle)[None] * loss)
-    return RainClutter(power.numpy(), cell.numpy(), y_cell, z_cell, rcs_per_w, mean_velocity, spread)
+    gain_on_device = wp.array(gain.astype(np.float32), dtype=float, device=device)
+    los = np.stack([x, y, z], axis=-1)
+    return _Rain(y_cell, z_cell, rcs_per_w, los, *fall_speed(weather.rain_mm_h), rain, gain_on_device)

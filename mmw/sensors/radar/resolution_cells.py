@@ -10,12 +10,13 @@ import numpy as np
 import warp as wp
 
 from mmw.core.errors import InputError
-from mmw.core.transfer import to_host
+from mmw.core.packed_arrays import padded_count
+from mmw.core.remember import remembered
 from mmw.kernels.radar import path_sums
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import trace as radar
 from mmw.sensors.radar.config import Radar
-from mmw.sensors.ray_batch import empty_struct
+from mmw.sensors.radar.radar_arrays import CellArrays
 
 MAX_CELLS = 2**31 - 1
 """Cells of one sweep: they are counted in 32 bits."""
@@ -31,12 +32,10 @@ class SortedRays:
     grid: radar_cells.CellGrid
     views: int
     """Views of the batch, A."""
-    key: wp.array
-    """(view, cell, object) of each ray, ascending, int64."""
-    ray: wp.array
-    """Number of each ray in the batch, int32."""
-    start: wp.array
-    """Start of each of the K occupied cells, shape [K], int32."""
+    arrays: CellArrays
+    """Sorted keys and numbers of the rays, and where the cells start."""
+    occupied: int
+    """Number of occupied cells, K."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +66,7 @@ class RadarCells:
     """Path of that share, as `RadarPoints.path_type`, shape [K], uint8; None for rays without multipath."""
 
 
+@remembered(size=64)
 def cell_grid(config: Radar) -> radar_cells.CellGrid:
     """Return the cells of a radar.
 
@@ -124,7 +124,7 @@ def number(grid: radar_cells.CellGrid, r: np.ndarray, v: np.ndarray, y: np.ndarr
     return (((r * grid.velocities + v) * grid.ys + y) * grid.zs + z).astype(np.int32)
 
 
-def bin_rays(config: Radar, rays: radar.RadarRays) -> SortedRays:
+def bin_rays(config: Radar, rays: radar.RadarRays, arrays: CellArrays | None = None) -> SortedRays:
     """Return the rays of a batch in the order of their resolution cells, and where each occupied cell starts.
 
     Rays without an object, and beyond the last range cell, are left out. Equal keys keep the order of the rays, so sums
@@ -133,32 +133,31 @@ def bin_rays(config: Radar, rays: radar.RadarRays) -> SortedRays:
     Args:
         config: Cells.
         rays: Echoes [A, R]; only range, angles, velocity and object are read, which no weather changes.
+        arrays: Where they are sorted, if these have the shape of the rays; None for new ones.
 
     Raises:
         InputError: If the batch has more cells than a key can hold.
     """
     grid = cell_grid(config)
     views, per_view = rays.range.shape
-    device = rays.range.device
     if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MAX_PLACES:
         raise InputError(
             f"sensor {config.name}: {views} views have more than 2^39 resolution cells; keys hold no more; "
             "lower compute.batch_frames"
         )
-    count = views * per_view
-    key = wp.empty(2 * max(count, 1), dtype=wp.int64, device=device)
-    ray = wp.empty(2 * max(count, 1), dtype=int, device=device)
+    if arrays is None or arrays.shape != (views, per_view):
+        arrays = CellArrays(views, per_view, rays.range.device)
+    count, launch = views * per_view, arrays.recorder.launch
     if count == 0:
-        return SortedRays(grid, views, key[:0], ray[:0], wp.empty(0, dtype=int, device=device))
-    wp.launch(radar_cells.cell_key_kernel, (views, per_view), [rays, grid], [key, ray], device=device)
-    wp.utils.radix_sort_pairs(key, ray, count)
-    key, ray = key[:count], ray[:count]
-    is_first, first_up_to = wp.empty(count, dtype=int, device=device), wp.empty(count, dtype=int, device=device)
-    wp.launch(radar_cells.is_first_kernel, dim=count, inputs=[key], outputs=[is_first], device=device)
-    wp.utils.array_scan(is_first, first_up_to, inclusive=True)
-    start = wp.empty(int(first_up_to[count - 1 :].numpy()[0]), dtype=int, device=device)
-    wp.launch(radar_cells.cell_start_kernel, dim=count, inputs=[is_first, first_up_to], outputs=[start], device=device)
-    return SortedRays(grid, views, key, ray, start)
+        return SortedRays(grid, views, arrays, 0)
+    launch(radar_cells.cell_key_kernel, (views, per_view), [rays, grid], [arrays.key, arrays.ray])
+    wp.utils.radix_sort_pairs(arrays.key, arrays.ray, count)
+    launch(radar_cells.is_first_kernel, (count,), [arrays.sorted[0]], [arrays.is_first])
+    wp.utils.array_scan(arrays.is_first, arrays.first_up_to, inclusive=True)
+    found = [arrays.start, arrays.occupied.arrays[0]]
+    launch(radar_cells.cell_start_kernel, (count,), [arrays.is_first, arrays.first_up_to], found)
+    occupied = int(arrays.occupied.download()[0][0])
+    return SortedRays(grid, views, arrays, occupied)
 
 
 def sum_cells(order: SortedRays, rays: radar.RadarRays, *, coherent: bool = False) -> RadarCells:
@@ -169,19 +168,21 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays, *, coherent: bool = Fals
         rays: Echoes [A, R] in the weather.
         coherent: True adds up complex amplitudes, by the phases of the rays, False powers.
     """
-    count, device = order.start.shape[0], rays.range.device
-    inputs = [rays, order.grid, order.key, order.ray, order.start]
+    count, arrays = order.occupied, order.arrays
+    inputs = [rays, order.grid, *arrays.sorted, arrays.start]
     has_paths = rays.path_type is not None  # an array, with multipath
     if coherent or has_paths:
         struct, kernel = path_sums.PathSums, path_sums.path_sum_kernel
         inputs.append(int(coherent))
     else:
         struct, kernel = radar_cells.CellSums, radar_cells.cell_sum_kernel
-    sums = empty_struct(struct, count, device)
-    wp.launch(kernel, count, inputs, [sums], device=device)
-    names = [name for name in struct.vars if has_paths or name != "path_type"]
-    found = dict(zip(names, to_host([getattr(sums, name) for name in names]), strict=True))
-    has_power = found["power"] > 0.0
-    values = {name: column[has_power] for name, column in found.items()}
+    names = list(struct.vars)
+    block = arrays.sums(struct, padded_count(count))
+    arrays.recorder.launch(kernel, (count,), inputs, [block.struct(struct, *names)])
+    columns = {name: column[:count] for name, column in zip(names, block.download(), strict=True)}
+    if not has_paths:
+        columns.pop("path_type", None)
+    has_power = columns["power"] > 0.0
+    values = {name: column[has_power] for name, column in columns.items()}  # copies
     offsets = np.searchsorted(values["view"], np.arange(order.views + 1)).astype(np.int32)
     return RadarCells(offsets, **values)

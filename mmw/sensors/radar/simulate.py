@@ -15,23 +15,25 @@ from mmw.sensors.radar.iq import radar_iq_samples
 from mmw.sensors.radar.multipath import PlacedPaths, TracedPaths, place_paths, shade_paths, trace_paths
 from mmw.sensors.radar.points import RadarPoints
 from mmw.sensors.radar.power_maps import radar_maps
+from mmw.sensors.radar.radar_arrays import RadarArrays
 from mmw.sensors.radar.rain_clutter import rain_clutter
 from mmw.sensors.radar.resolution_cells import SortedRays, bin_rays, sum_cells
 from mmw.sensors.radar.trace import carla_points, dense_points, shade_radar, trace_radar
 from mmw.sensors.sensor_input import SensorInput
+from mmw.sensors.workspace import workspace
 
 
 class _Echoes:
     """The echoes of a batch: those of its hits, with phases and further paths where the radar has them."""
 
-    def __init__(self, config: Radar, hits: RadarHits, paths: TracedPaths | None):
-        self._config, self._hits, self._paths = config, hits, paths
+    def __init__(self, config: Radar, hits: RadarHits, paths: TracedPaths | None, arrays: RadarArrays):
+        self._config, self._hits, self._paths, self._arrays = config, hits, paths, arrays
         self._placed: dict[bool, PlacedPaths | None] = {}
 
     def shade(self, materials: Sequence[Material], weather: Weather, *, merges: bool) -> RadarRays:
         """Return the echoes in one weather; see `mmw.sensors.radar.multipath.place_paths`."""
         if self._paths is None:
-            return shade_radar(self._hits, materials, weather, self._config)
+            return shade_radar(self._hits, materials, weather, self._config, self._arrays)
         if merges not in self._placed:  # the same in every weather
             self._placed[merges] = place_paths(self._hits, self._paths, self._config, merges=merges)
         return shade_paths(self._hits, self._paths, self._placed[merges], materials, weather, self._config)
@@ -54,9 +56,13 @@ def scans(data: SensorInput, config: Radar) -> Iterator[tuple[str, RadarPoints]]
     """
     velocity, _ = view_twists(data.scene.arrays, data.motion, data.views)
     keys = data.keys(config.name)
-    hits = trace_radar(data.scene, data.views, velocity, config, keys)
+    count, device = len(data.views), data.scene.device
+    arrays = workspace(
+        data.cache, config, count, config.ray_count, lambda: RadarArrays(count, config.ray_count, device)
+    )
+    hits = trace_radar(data.scene, data.views, velocity, config, keys, arrays)
     paths = trace_paths(data.scene, data.views, velocity, config, keys) if config.needs_paths else None
-    echoes = _Echoes(config, hits, paths)
+    echoes = _Echoes(config, hits, paths, arrays)
     needs_cells = config.mode == "physical" and (config.output == "detections" or len(config.maps) > 0)
     order = None
     for name, weather in data.weathers.items():
@@ -66,7 +72,7 @@ def scans(data: SensorInput, config: Radar) -> Iterator[tuple[str, RadarPoints]]
         materials = data.scene.arrays.materials[name]
         rays = echoes.shade(materials, weather, merges=True)
         if needs_cells and order is None:
-            order = bin_rays(config, rays)  # the same in every weather
+            order = bin_rays(config, rays, arrays.cells)  # the same in every weather
         weather_keys, iq = data.keys(name, config.name), None
         if config.iq:
             points = echoes.shade(materials, weather, merges=False) if echoes.has_mirrors else rays

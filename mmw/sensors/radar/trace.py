@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
+from mmw.core.launch_recorder import LaunchRecorder
 from mmw.core.remember import remembered
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
@@ -19,15 +20,21 @@ from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
 from mmw.sensors.radar.config import Radar
 from mmw.sensors.radar.points import LABEL_OBJECT, RadarPoints
+from mmw.sensors.radar.radar_arrays import SHARED, RadarArrays
 from mmw.sensors.radar.reflectivity import reflectivity_table
-from mmw.sensors.ray_batch import BLOCK_DIM, check_count, empty_struct
+from mmw.sensors.ray_batch import BLOCK_DIM, check_count
 
 RADOME_RAIN_MM_H = 10.0
 """Rain rate at which a wet radome has the loss `Radar.wet_radome_db` [mm/h]."""
 
 
 def trace_radar(
-    scene: DeviceScene, views: Views, velocity: np.ndarray, config: Radar, keys: np.ndarray
+    scene: DeviceScene,
+    views: Views,
+    velocity: np.ndarray,
+    config: Radar,
+    keys: np.ndarray,
+    arrays: RadarArrays | None = None,
 ) -> radar.RadarHits:
     """Return the first surface on every ray of every view: geometry and motion only, so it serves every weather.
 
@@ -48,6 +55,7 @@ def trace_radar(
         config: Field of view, range and number of rays R.
         keys: Key of each view's random numbers, without the weather (`mmw.scene.views.view_keys`), shape [A, 2],
             uint32.
+        arrays: Where the hits go; None for new ones.
 
     Returns:
         Arrays of shape [A, R] on the scene's device.
@@ -67,27 +75,31 @@ def trace_radar(
                 "it from the same views"
             )
     check_count("radar", len(views), rays)
-    on_device = views.for_scene(scene)
-    hits = empty_struct(radar.RadarHits, (len(views), rays), device)
+    arrays = RadarArrays(len(views), rays, device) if arrays is None else arrays
     if len(views) == 0:
-        return hits
-    common = [
-        scene.struct,
-        on_device,
-        wp.array(velocity.astype(np.float32), dtype=wp.vec3, device=device),
-        wp.array(keys, dtype=wp.vec2ui, device=device),
-    ]
+        return arrays.hits
+    *own, velocity_out, key_out = arrays.given.host
+    views.write(scene, own)
+    velocity_out[:], key_out[:] = velocity, keys
+    arrays.given.upload()
+    common = [scene.struct, arrays.views, arrays.velocity, arrays.key]
     if config.mode == "carla":
-        half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
-        half_elevation = math.radians(config.vertical_fov_deg) / 2.0
-        plane = config.range_m * np.array([1.0, math.tan(half_azimuth), math.tan(half_elevation)])
-        kernel, inputs = radar.carla_kernel, [*common, wp.vec3(*plane)]
+        kernel, inputs = radar.carla_kernel, [*common, _carla_plane(config)]
     else:
         kernel, inputs = radar.grid_kernel, [*common, radar_grid(config), config.range_m]
-    wp.launch(kernel, (len(views), rays), inputs=inputs, outputs=[hits], device=device, block_dim=BLOCK_DIM)
-    return hits
+    arrays.recorder.launch(kernel, (len(views), rays), inputs, [arrays.hits], BLOCK_DIM)
+    return arrays.hits
 
 
+@remembered(size=32)
+def _carla_plane(config: Radar) -> wp.vec3:
+    """Return the distance of the plane on which CARLA's rays end, and the half axes of the ellipse on it [m]."""
+    half_azimuth = math.radians(config.horizontal_fov_deg) / 2.0
+    half_elevation = math.radians(config.vertical_fov_deg) / 2.0
+    return wp.vec3(*(config.range_m * np.array([1.0, math.tan(half_azimuth), math.tan(half_elevation)])))
+
+
+@remembered(size=32)
 def radar_grid(config: Radar) -> radar.RadarGrid:
     """Return the grid of rays of `physical`."""
     grid = radar.RadarGrid()
@@ -136,7 +148,11 @@ def surfaces_on_device(materials: Sequence[Material], weather: Weather, carrier_
 
 
 def shade_radar(
-    hits: radar.RadarHits, materials: Sequence[Material], weather: Weather, config: Radar
+    hits: radar.RadarHits,
+    materials: Sequence[Material],
+    weather: Weather,
+    config: Radar,
+    arrays: RadarArrays | None = None,
 ) -> radar.RadarRays:
     """Return the echoes of traced rays in one weather.
 
@@ -148,6 +164,8 @@ def shade_radar(
         materials: Materials by id, as they are in the weather (`SceneData.materials[weather]`).
         weather: Rain, fog and air on the path, and how wet surfaces are.
         config: Power, antennas and carrier.
+        arrays: Those that have the hits; the echoes of the next weather then overwrite these. None for echoes that
+            stay.
 
     Returns:
         Arrays of shape [A, R] on the device; all but `power` and `rcs` are those of `hits`.
@@ -156,13 +174,16 @@ def shade_radar(
         ValueError: If there are no materials, one has an unknown base, or the carrier is outside a loss model.
     """
     device, shape = hits.range.device, hits.range.shape
-    rays = radar.RadarRays()
-    for name in ("range", "azimuth", "elevation", "velocity", "object_id"):
-        setattr(rays, name, getattr(hits, name))
-    rays.rcs, rays.power = (wp.empty(shape, dtype=float, device=device) for _ in range(2))
+    if arrays is None:
+        rays, recorder = radar.RadarRays(), LaunchRecorder(device)
+        for name in SHARED:
+            setattr(rays, name, getattr(hits, name))
+        rays.rcs, rays.power = (wp.empty(shape, dtype=float, device=device) for _ in range(2))
+    else:
+        rays, recorder = arrays.rays, arrays.recorder
     surface = surfaces_on_device(materials, weather, config.carrier_hz, str(device))
-    inputs, outputs = [hits, surface, radar_link(weather, config)], [rays.rcs, rays.power]
-    wp.launch(radar.echo_kernel, shape, inputs, outputs, device=device, block_dim=BLOCK_DIM)
+    inputs = [hits, surface, radar_link(weather, config)]
+    recorder.launch(radar.echo_kernel, shape, inputs, [rays.rcs, rays.power], BLOCK_DIM)
     return rays
 
 
