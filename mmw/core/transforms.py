@@ -168,6 +168,8 @@ def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:
 def make_pose(position: ArrayLike, q: ArrayLike) -> np.ndarray:
     """Return poses, shape [..., 7], of positions [m] [..., 3] and unit quaternions [..., 4]."""
     position, q = np.asarray(position, dtype=np.float64), np.asarray(q, dtype=np.float64)
+    if position.shape[:-1] == q.shape[:-1]:
+        return np.concatenate([position, q], axis=-1)
     shape = np.broadcast_shapes(position.shape[:-1], q.shape[:-1])
     return np.concatenate([np.broadcast_to(position, (*shape, 3)), np.broadcast_to(q, (*shape, 4))], axis=-1)
 

@@ -11,7 +11,7 @@ def arrays_of(table: pa.Table) -> dict[str, np.ndarray]:
 
     Lists and images are object arrays of arrays and mappings, None where they are null.
     """
-    return {name: _to_numpy(table.column(name)) for name in table.column_names}
+    return {name: column_array(table.column(name)) for name in table.column_names}
 
 
 def values_of(column: pa.ChunkedArray) -> list[Any]:
@@ -21,7 +21,8 @@ def values_of(column: pa.ChunkedArray) -> list[Any]:
     return column.to_pylist()
 
 
-def _to_numpy(column: pa.ChunkedArray) -> np.ndarray:
+def column_array(column: pa.ChunkedArray) -> np.ndarray:
+    """Return a column as `arrays_of` does."""
     if pa.types.is_dictionary(column.type):
         column = column.cast(pa.string())
     if not pa.types.is_nested(column.type):

@@ -1,5 +1,6 @@
 """Turn rows of tables, or of columns before they are tables, into mappings, and columns of samples into points."""
 
+import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from typing import Any
@@ -9,7 +10,7 @@ import pyarrow as pa
 
 from mmw.core.later import Later
 from mmw.core.remember import remembered
-from mmw.dataset.column_arrays import values_of
+from mmw.dataset.column_arrays import column_array, values_of
 from mmw.storage.arrow_tables import cast_column
 from mmw.storage.codecs.images import Stored, lossless_pixels
 from mmw.storage.list_column import ListColumn
@@ -22,6 +23,38 @@ def rows_of_table(table: pa.Table) -> list[Row]:
     """Return the rows of a table as mappings; lists of numbers are arrays."""
     columns = {name: values_of(table.column(name)) for name in table.column_names}
     return [{name: values[index] for name, values in columns.items()} for index in range(table.num_rows)]
+
+
+def sorted_arrays(spec: TableSpec, columns: Mapping[str, Any]) -> dict[str, np.ndarray] | None:
+    """Return the columns as `arrays_of` returns those of their table, without making the table.
+
+    Args:
+        spec: The table.
+        columns: All its columns, see `mmw.storage.arrow_tables.unsorted_table`.
+
+    Returns:
+        Arrays in the order of the key; None where only the table tells it: rows repeat a key, or differ in a text of
+        it.
+
+    Raises:
+        ValueError: If a value does not fit its column.
+    """
+    keys = [columns[name] for name in spec.key if not isinstance(columns[name], str)]
+    if not keys or not all(isinstance(key, np.ndarray) for key in keys):
+        return None
+    order = np.lexsort(keys[::-1])
+    if np.logical_and.reduce([key[order[1:]] == key[order[:-1]] for key in keys]).any():
+        return None
+    return {field.name: _array(spec, field, number, columns[field.name], order) for field, number in _kinds(spec)}
+
+
+def _array(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, order: np.ndarray) -> np.ndarray:
+    if isinstance(values, np.ndarray) and values.dtype == number:
+        if number.kind != "f" or np.isfinite(values).all():
+            return values[order]
+    elif number is None and (isinstance(values, str) or isinstance(values, pa.DictionaryArray)):
+        return np.array(_cells(spec, field, number, values, len(order)), dtype=object)[order]
+    return column_array(pa.chunked_array([cast_column(spec.name, field, values, len(order))]))[order]
 
 
 class WaitingImage(Mapping[str, Any]):
@@ -91,8 +124,10 @@ def _cells(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: An
     if isinstance(values, str):
         return [values] * count
     if isinstance(values, np.ndarray):
-        if values.dtype == number and (number.kind != "f" or np.isfinite(values).all()):
-            return values.tolist()
+        if values.dtype == number:
+            found = values.tolist()
+            if number.kind != "f" or all(map(math.isfinite, found)):
+                return found
     elif isinstance(values, ListColumn):
         if values.values.dtype == number and (number.kind != "f" or np.isfinite(values.values).all()):
             return values.rows()

@@ -3,6 +3,7 @@ still encode."""
 
 from collections.abc import Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,39 @@ Columns = dict[str, Any]
 
 def names(arrays: SceneData, actor: np.ndarray) -> pa.DictionaryArray:
     """Return the names of actors given by their indices."""
-    return actor_texts(arrays.actors, "name").take(pa.array(actor))
+    return texts_of(actor_texts(arrays.actors, "name"), actor)
+
+
+@dataclass(frozen=True)
+class ActorTexts:
+    """A text of each actor of a scene, V of them."""
+
+    code: np.ndarray
+    """Index of the text in `dictionary`, -1 for none, shape [V], int32."""
+    dictionary: pa.StringArray
+    """The texts, without repetition."""
+    has_null: bool
+    """True if an actor has none."""
+
+
+def texts_of(texts: ActorTexts, actor: np.ndarray) -> pa.DictionaryArray:
+    """Return the texts of actors given by their indices."""
+    code = texts.code[actor]
+    index = pa.array(code, mask=code < 0) if texts.has_null else pa.array(code)
+    return pa.DictionaryArray.from_arrays(index, texts.dictionary)
+
+
+def encoded_texts(texts: Sequence[str | None]) -> ActorTexts:
+    """Return texts of actors, None for none."""
+    array = pa.array(texts, pa.string()).dictionary_encode()
+    code = array.indices.fill_null(-1).to_numpy().astype(np.int32)
+    return ActorTexts(code, array.dictionary, array.null_count > 0)
 
 
 @remembered()
-def actor_texts(actors: tuple[Actor, ...], attribute: str) -> pa.DictionaryArray:
+def actor_texts(actors: tuple[Actor, ...], attribute: str) -> ActorTexts:
     """Return an attribute of all actors, a text."""
-    return pa.array([getattr(actor, attribute) for actor in actors], pa.string()).dictionary_encode()
+    return encoded_texts([getattr(actor, attribute) for actor in actors])
 
 
 def sample_columns(arrays: SceneData, sensor: str, frame: np.ndarray, actor: np.ndarray) -> Columns:
@@ -39,7 +66,7 @@ def choices(texts: Sequence[str | None], index: np.ndarray) -> pa.DictionaryArra
 
 def split(columns: Sequence[str], values: np.ndarray) -> Columns:
     """Return the columns of a matrix by name, contiguous."""
-    return {name: np.ascontiguousarray(values[:, i]) for i, name in enumerate(columns)}
+    return dict(zip(columns, np.ascontiguousarray(values.T), strict=True))
 
 
 def resolved(columns: Columns) -> Columns:

@@ -22,8 +22,8 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.later import start_all
 from mmw.core.remember import remembered
-from mmw.dataset.frame import Frame
-from mmw.dataset.sample_rows import Row, rows_of_columns
+from mmw.dataset.frame import Boxes, Frame
+from mmw.dataset.sample_rows import Row, rows_of_columns, sorted_arrays
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
     capture_boxes,
@@ -170,6 +170,14 @@ class FrameTables:
             found += rows_of_columns(spec, self._fixed(columns))
         return sorted(found, key=lambda row: [row[name] for name in spec.key])
 
+    def arrays(self, table: str) -> dict[str, np.ndarray] | None:
+        """Return the columns of a table in the order of its key; None where the table has to be made for it."""
+        if table not in self._makers or table in self._held:
+            return None
+        self.trace([table])
+        parts = self._rows[table]
+        return sorted_arrays(_specs(self._makers)[table], self._fixed(_ended(parts[0]))) if len(parts) == 1 else None
+
     def _fixed(self, columns: Mapping[str, Any]) -> dict[str, Any]:
         scenario, weather, _ = self._where
         return {"scenario": scenario, "weather": weather, **columns}
@@ -196,7 +204,8 @@ class FrameTables:
         maker = ("sensor", sensor)
         if maker not in self._makers.get(table, ()):
             return None
-        self.trace_samples(agent, [sensor])
+        if maker not in self._done:
+            self.trace_samples(agent, [sensor])
         parts = self._rows[table] if maker in self._done else self._samples[agent, maker].get(table, [])
         for part in parts:
             row = self._rows_by_sensor(table, part).get((agent, sensor))
@@ -303,6 +312,13 @@ class LiveFrame(Frame):
         """Return the rows of a table as mappings, by its key; lists of numbers are arrays."""
         assert isinstance(self.data, FrameTables)
         return super().rows(table) if table in self._tables else self.data.rows(table) or super().rows(table)
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """Boxes of all vehicles and people."""
+        assert isinstance(self.data, FrameTables)
+        found = None if "boxes" in self._tables else self.data.arrays("boxes")
+        return super().boxes if found is None else Boxes(found)
 
     @cached_property
     def sensor_rows(self) -> list[Row]:

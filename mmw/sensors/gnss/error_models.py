@@ -25,13 +25,12 @@ import numpy as np
 from mmw.core.constants import FRAME_DT
 from mmw.core.frame_rate import instants
 from mmw.core.geodesy import mercator_from_world, sensor_heading, wgs84_from_world
-from mmw.core.kinematics import differentiate, window
 from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, white_series
-from mmw.core.transforms import compose, normalize
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, mount_pose
+from mmw.scene.views import Views, frame_rows
 from mmw.sensors.gnss.config import Gnss
+from mmw.sensors.mounted_motion import mounted_motion, view_grid
 from mmw.sensors.samples import Samples
 
 SLOWEST = 0.01
@@ -77,20 +76,12 @@ def make_gnss(arrays: SceneData, views: Views, config: Gnss, seed: int, scenario
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    frames, at_frame = np.unique(views.frame, return_inverse=True)
-    actors, of_actor = np.unique(views.actor, return_inverse=True)
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    part = window(rows)
-    pose, velocity = np.full((len(actors), len(rows), 7), np.nan), np.full((len(actors), len(rows), 3), np.nan)
-    for column, index in enumerate(actors):
-        actor = arrays.actors[index]
-        poses, mount = arrays.poses[part, index], mount_pose(config, *actor.identity)
-        sensor = compose(np.concatenate([poses[:, :3], normalize(poses[:, 3:])], axis=-1), mount)
-        pose[column] = sensor[rows - part.start]
-        velocity[column] = differentiate(sensor, arrays.pose_dt).velocity[rows - part.start]
-    names = [arrays.actors[index].name for index in actors]
-    measured = _measure(pose, velocity, instants(frames, arrays.rate_hz), config, (seed, scenario), names)
-    return GnssSample(*(values[of_actor, at_frame] for values in measured))
+    grid = view_grid(views)
+    moved = mounted_motion(arrays, config, grid.actors, frame_rows(arrays, grid.frames))
+    pose, velocity = (values[moved.at].swapaxes(0, 1) for values in (moved.pose, moved.motion.velocity))
+    names = [arrays.actors[index].name for index in grid.actors.tolist()]
+    measured = _measure(pose, velocity, instants(grid.frames, arrays.rate_hz), config, (seed, scenario), names)
+    return GnssSample(*(values[grid.place] for values in measured))
 
 
 def _measure(

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pyarrow as pa
 
 from mmw.config.agent_keys import AGENT_ROLES
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.remember import remembered
-from mmw.core.transforms import compose, make_pose, normalize, quaternion_to_ypr, rotate
+from mmw.core.transforms import compose, cross, make_pose, normalize, quaternion_to_ypr, rotate
 from mmw.scene.scene_data import Actor, SceneData
-from mmw.scene.table_rows import Columns, actor_texts, split
+from mmw.scene.table_rows import ActorTexts, Columns, actor_texts, encoded_texts, split, texts_of
+from mmw.scene.views import frame_rows
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian", "vru", "uav")
 """Actors that have a box."""
@@ -45,8 +45,8 @@ class BoxedActors:
     """Index in `SceneData.actors`, shape [K], int32."""
     object_id: np.ndarray
     """Object id, shape [K], int32."""
-    center: np.ndarray
-    """Middle of the box in the actor's frame [m], shape [K, 3]."""
+    middle: np.ndarray
+    """Box to actor, origin in the middle of the box, shape [K, 7], float64."""
     size: np.ndarray
     """Length, width, height [m], shape [K, 3]."""
 
@@ -58,7 +58,7 @@ def boxed(actors: tuple[Actor, ...]) -> BoxedActors:
     return BoxedActors(
         np.array([i for i, _ in own], dtype=np.int32),
         np.array([actor.object_id for _, actor in own], dtype=np.int32),
-        np.array([actor.center for _, actor in own], dtype=np.float64).reshape(-1, 3),
+        make_pose(np.array([actor.center for _, actor in own], dtype=np.float64).reshape(-1, 3), (0.0, 0.0, 0.0, 1.0)),
         np.array([actor.size for _, actor in own], dtype=np.float64).reshape(-1, 3),
     )
 
@@ -69,29 +69,22 @@ def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None =
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     if motion is None:
         motion = differentiate(arrays.poses, arrays.pose_dt)
-    found = boxed(arrays.actors)
-    actors = found.actor
-    frame = np.repeat(np.asarray(frames, dtype=np.int64), len(actors))
-    row, actor = np.repeat(rows, len(actors)), np.tile(actors, len(rows))
-    is_present = np.isfinite(arrays.poses[row, actor]).all(axis=1)
-    frame, row, actor = frame[is_present], row[is_present], actor[is_present]
-    place = np.tile(np.arange(len(actors)), len(rows))[is_present]
-
+    found, rows = boxed(arrays.actors), frame_rows(arrays, frames)
+    at, place = np.nonzero(np.isfinite(arrays.poses[rows][:, found.actor]).all(axis=-1))
+    row, actor = rows[at], found.actor[place]
     pose = arrays.poses[row, actor]
     q = normalize(pose[:, 3:])
-    center = found.center[place]
-    upright = np.array([0.0, 0.0, 0.0, 1.0])
+    middle = found.middle[place]
     return Boxes(
-        frame=frame,
+        frame=np.asarray(frames, dtype=np.int64)[at],
         actor=actor,
         object_id=found.object_id[place],
-        pose=compose(make_pose(pose[:, :3], q), make_pose(center, upright)),
+        pose=compose(make_pose(pose[:, :3], q), middle),
         ypr=quaternion_to_ypr(q),
         size=found.size[place],
-        velocity=motion.velocity[row, actor] + np.cross(motion.world_rate[row, actor], rotate(q, center)),
+        velocity=motion.velocity[row, actor] + cross(motion.world_rate[row, actor], rotate(q, middle[:, :3])),
     )
 
 
@@ -100,8 +93,8 @@ def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
     return {
         "frame": boxes.frame.astype(np.int32),
         "object_id": boxes.object_id,
-        "category": actor_texts(arrays.actors, "label").take(pa.array(boxes.actor)),
-        "agent": _agent_names(arrays.actors).take(pa.array(boxes.actor)),
+        "category": texts_of(actor_texts(arrays.actors, "label"), boxes.actor),
+        "agent": texts_of(_agent_names(arrays.actors), boxes.actor),
         **split(("x", "y", "z"), boxes.pose[:, :3]),
         **split(("yaw", "pitch", "roll"), boxes.ypr),
         **split(("length", "width", "height"), boxes.size),
@@ -110,6 +103,6 @@ def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
 
 
 @remembered()
-def _agent_names(actors: tuple[Actor, ...]) -> pa.DictionaryArray:
+def _agent_names(actors: tuple[Actor, ...]) -> ActorTexts:
     """Return the names of the actors that are agents, null for others."""
-    return pa.array([a.name if a.role in AGENT_ROLES else None for a in actors], pa.string()).dictionary_encode()
+    return encoded_texts([actor.name if actor.role in AGENT_ROLES else None for actor in actors])

@@ -10,10 +10,13 @@ import numpy as np
 import warp as wp
 
 from mmw.config.antennas import AntennaConfig
+from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.core.remember import remembered
 from mmw.core.transforms import make_pose, normalize, transform_points
 from mmw.kernels.core import line_of_sight as sight
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.scene_data import Actor
+from mmw.scene.views import frame_rows
 from mmw.sensors.ground_truth.boxes_3d import BOX_ROLES
 from mmw.sensors.ray_batch import BLOCK_DIM
 
@@ -80,22 +83,15 @@ def trace_sight(
         antenna: The antenna; agents that do not carry it have no row.
         due: Frames that are looked at, shape of `frames`, bool; None for all of them.
     """
-    arrays = scene.arrays
-    names = [actor.identity for actor in arrays.actors]
-    agents = np.array([i for i, name in enumerate(names) if antenna.is_on(*name)], dtype=np.int32)
-    others = boxed_actors(arrays.actors)
-    batch_index, agent, actor = (
-        grid.ravel() for grid in np.meshgrid(np.arange(len(frames)), agents, others, indexing="ij")
-    )
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
-    is_here &= (np.ones(len(rows), dtype=bool) if due is None else due)[:, None]
-    keep = (agent != actor) & is_here[batch_index, agent] & is_here[batch_index, actor]
-    batch_index, agent, actor = batch_index[keep], agent[keep], actor[keep]
-    place = np.array([antenna.mount_on(*name).position_m for name in names]).reshape(-1, 3)
-    middle = np.array([a.center for a in arrays.actors]).reshape(-1, 3)
-    start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), place[agent])
-    end = transform_points(_unit(arrays.poses[rows[batch_index], actor]), middle[actor])
+    arrays, lines = scene.arrays, _lines(scene.arrays.actors, antenna)
+    rows = frame_rows(arrays, frames)
+    is_here = np.isfinite(arrays.poses[rows]).all(axis=2)
+    if due is not None:
+        is_here &= due[:, None]
+    batch_index, line = np.nonzero(is_here[:, lines.agent] & is_here[:, lines.actor])
+    agent, actor = lines.agent[line], lines.actor[line]
+    start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), lines.place[agent])
+    end = transform_points(_unit(arrays.poses[rows[batch_index], actor]), lines.middle[actor])
     instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
     instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))
     first = trace_line_of_sight(scene, batch_index, start, end, instance_of[agent])
@@ -103,6 +99,31 @@ def trace_sight(
     is_los = (first < 0) | (first == own)
     frame = np.asarray(frames, dtype=np.int64)[batch_index]
     return LineOfSight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """The lines of sight of an antenna in each frame, M of them, whoever is there; the scene has V actors."""
+
+    agent: np.ndarray
+    """Actor index of the agent, shape [M], int32."""
+    actor: np.ndarray
+    """Actor index of the other one, shape [M], int32."""
+    place: np.ndarray
+    """Position of the antenna on each actor, its frame [m], shape [V, 3]."""
+    middle: np.ndarray
+    """Middle of the box of each actor, its frame [m], shape [V, 3]."""
+
+
+@remembered(owners=2)
+def _lines(actors: tuple[Actor, ...], antenna: AntennaConfig) -> _Lines:
+    names = [actor.identity for actor in actors]
+    agents = np.array([i for i, name in enumerate(names) if antenna.is_on(*name)], dtype=np.int32)
+    agent, actor = (grid.ravel() for grid in np.meshgrid(agents, boxed_actors(actors), indexing="ij"))
+    others = agent != actor
+    place = np.array([antenna.mount_on(*name).position_m for name in names]).reshape(-1, 3)
+    middle = np.array([actor.center for actor in actors]).reshape(-1, 3)
+    return _Lines(agent[others], actor[others], place, middle)
 
 
 def trace_line_of_sight(
@@ -117,14 +138,19 @@ def trace_line_of_sight(
         end: World frame [m], shape [L, 3].
         ignore: Instance that each line passes through, -1 for none, shape [L].
     """
-    count, device = len(batch_index), scene.device
-    found = wp.empty(count, dtype=int, device=device)
-    if count:
-        frames, passed = (wp.array(k.astype(np.int32), dtype=int, device=device) for k in (batch_index, ignore))
-        ends = (wp.array((p - scene.origin).astype(np.float32), dtype=wp.vec3, device=device) for p in (start, end))
-        inputs = [scene.struct, frames, *ends, passed]
-        wp.launch(sight.line_of_sight_kernel, count, inputs, [found], device=device, block_dim=BLOCK_DIM)
-    return found.numpy()
+    count, room = len(batch_index), padded_count(len(batch_index))
+    numbers, ends = ((room,), wp.int32), ((room,), wp.vec3)
+    block = borrow_arrays(scene.device, numbers, ends, ends, numbers, numbers)
+    frames, starts, stops, passed, _ = block.host
+    frames[:count], passed[:count] = batch_index, ignore
+    starts[:count], stops[:count] = start - scene.origin, end - scene.origin
+    *inputs, out = block.upload()
+    wp.launch(
+        sight.line_of_sight_kernel, count, [scene.struct, *inputs], [out], device=scene.device, block_dim=BLOCK_DIM
+    )
+    found = block.download()[-1][:count].copy()
+    block.release()
+    return found
 
 
 def _unit(pose: np.ndarray) -> np.ndarray:

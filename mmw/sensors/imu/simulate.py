@@ -26,12 +26,13 @@ import numpy as np
 
 from mmw.core.constants import FRAME_DT, GRAVITY
 from mmw.core.geodesy import sensor_heading
-from mmw.core.kinematics import differentiate, window
+from mmw.core.kinematics import Motion, differentiate
 from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, actor_mount
+from mmw.scene.views import Views, frame_rows
 from mmw.sensors.imu.config import Imu
 from mmw.sensors.imu.noise import imu_errors
+from mmw.sensors.mounted_motion import mounted_motion, view_grid
 from mmw.sensors.samples import Samples
 from mmw.sensors.sensor_input import SensorInput
 
@@ -76,28 +77,25 @@ def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    frames, at_frame = np.unique(views.frame, return_inverse=True)
-    actors, of_actor = np.unique(views.actor, return_inverse=True)
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    lag = config.accel_lag_frames * arrays.pose_stride
-    part = window(np.concatenate([rows, np.maximum(rows - lag, 0)]))
-    shape = (2, len(actors), len(rows), 3)
-    true, compass = np.full(shape, np.nan), np.full(shape[1:3], np.nan)
-    late = np.full(shape, np.nan) if lag else true
-    for column, index in enumerate(actors):
-        poses, mount, at = arrays.poses[part, index], actor_mount(arrays.actors, config, int(index)), rows - part.start
-        true[:, column] = np.stack(measure(poses, mount, arrays.pose_dt))[:, at]
-        if lag:
-            late[:, column] = np.stack(measure(poses, mount, arrays.pose_dt, lag))[:, at]
-        compass[column] = sensor_heading(multiply(normalize(poses[at, 3:]), mount[3:]))
+    grid = view_grid(views)
+    rows, lag = frame_rows(arrays, grid.frames), config.accel_lag_frames * arrays.pose_stride
+    moved = mounted_motion(arrays, config, grid.actors, rows, lag)
+    true = _by_agent(_readings(moved.pose, moved.motion), moved.at)
+    late = _by_agent(_readings(moved.pose, moved.motion, lag), moved.at) if lag else true
+    compass = sensor_heading(moved.pose[moved.at, :, 3:]).T
     if config.handedness == "left":
         true, late = (values * LEFT_HANDED[:, None, None] for values in (true, late))
-    agents = [arrays.actors[index].name for index in actors]
-    errors = imu_errors(config, frames, seed, scenario, agents, arrays.rate_hz)
+    agents = [arrays.actors[index].name for index in grid.actors.tolist()]
+    errors = imu_errors(config, grid.frames, seed, scenario, agents, arrays.rate_hz)
     distorted = np.sum(errors.distortion[:, :, None] * late[..., None, :], axis=-1)
     read = distorted + errors.bias + errors.noise
-    samples = (values[:, of_actor, at_frame] for values in (read, true, errors.bias))
-    return ImuSample(*(triad for pair in samples for triad in pair), compass[of_actor, at_frame])
+    samples = (values[:, *grid.place] for values in (read, true, errors.bias))
+    return ImuSample(*(triad for pair in samples for triad in pair), compass[grid.place])
+
+
+def _by_agent(readings: tuple[np.ndarray, np.ndarray], at: np.ndarray) -> np.ndarray:
+    """Return some rows of readings [P, A, 3] as force and rate of each agent, shape [2, A, F, 3]."""
+    return np.stack([values[at] for values in readings]).swapaxes(1, 2)
 
 
 def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -114,7 +112,11 @@ def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int
         absent.
     """
     sensor = compose(np.concatenate([poses[..., :3], normalize(poses[..., 3:])], axis=-1), mount)
-    motion = differentiate(sensor, dt)
+    return _readings(sensor, differentiate(sensor, dt), lag)
+
+
+def _readings(sensor: np.ndarray, motion: Motion, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `measure` does, of the poses of the sensor [F, ..., 7] and their derivatives."""
     acceleration = motion.acceleration
     if lag:
         before = np.concatenate([acceleration[:1].repeat(lag, axis=0), acceleration])[: len(acceleration)]
