@@ -48,14 +48,17 @@ def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
 
     Source: Philox4x32-10, J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
     """
-    k0, k1 = np.moveaxis(np.asarray(key, dtype=np.uint64), -1, 0)
-    c0, c1, c2, c3 = np.moveaxis(np.asarray(counter, dtype=np.uint64), -1, 0)
+    key, counter = np.asarray(key, dtype=np.uint64), np.asarray(counter, dtype=np.uint64)
+    k0, k1 = key[..., 0], key[..., 1]
+    c0, c1, c2, c3 = counter[..., 0], counter[..., 1], counter[..., 2], counter[..., 3]
     for _ in range(ROUNDS):
         one, two = MULTIPLIERS[0] * c0, MULTIPLIERS[1] * c2
         c0, c1 = (two >> HIGH_SHIFT) ^ c1 ^ k0, two & LOW
         c2, c3 = (one >> HIGH_SHIFT) ^ c3 ^ k1, one & LOW
         k0, k1 = (k0 + WEYL_STEPS[0]) & LOW, (k1 + WEYL_STEPS[1]) & LOW
-    return np.stack(np.broadcast_arrays(c0, c1, c2, c3), axis=-1).astype(np.uint32)
+    out = np.empty((*c0.shape, 4), dtype=np.uint32)  # two rounds have brought all words to this shape
+    out[..., 0], out[..., 1], out[..., 2], out[..., 3] = c0, c1, c2, c3
+    return out
 
 
 def white_series(keys: ArrayLike, frames: ArrayLike, count: int, parts: ArrayLike = 0) -> np.ndarray:
@@ -211,11 +214,12 @@ def _normal(keys: ArrayLike, item: np.ndarray, level: ArrayLike, count: int) -> 
     counter = np.zeros((len(item), len(draw), 4), dtype=np.uint64)
     counter[..., 0] = item[:, None]
     counter[..., 1] = draw
-    counter[..., 2] = np.broadcast_to(level, len(item))[:, None]
+    counter[..., 2] = np.asarray(level)[..., None]
     bits = philox(np.asarray(keys).reshape(-1, 1, 1, 2), counter)
     uniform = (bits + 0.5) * 2.0**-32  # center of one of 2^32 cells: never zero, for the logarithm
     radius, angle = np.sqrt(-2.0 * np.log(uniform[..., ::2])), 2.0 * np.pi * uniform[..., 1::2]
-    normal = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+    normal = np.empty((*radius.shape, 2))
+    normal[..., 0], normal[..., 1] = radius * np.cos(angle), radius * np.sin(angle)
     return normal.reshape(*normal.shape[:2], 4 * len(draw))[..., :count]
 
 

@@ -52,7 +52,7 @@ def _array(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: An
     if isinstance(values, np.ndarray) and values.dtype == number:
         if number.kind != "f" or np.isfinite(values).all():
             return values[order]
-    elif number is None and (isinstance(values, str) or isinstance(values, pa.DictionaryArray)):
+    elif number is None and isinstance(values, str | pa.DictionaryArray):
         return np.array(_cells(spec, field, number, values, len(order)), dtype=object)[order]
     return column_array(pa.chunked_array([cast_column(spec.name, field, values, len(order))]))[order]
 

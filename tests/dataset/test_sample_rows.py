@@ -6,8 +6,9 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from mmw.dataset.sample_rows import WaitingImage, rows_of_columns, rows_of_table
-from mmw.storage.arrow_tables import unsorted_table
+from mmw.dataset.column_arrays import arrays_of
+from mmw.dataset.sample_rows import WaitingImage, rows_of_columns, rows_of_table, sorted_arrays
+from mmw.storage.arrow_tables import table_from_columns, unsorted_table
 from mmw.storage.list_column import ListColumn
 from mmw.storage.schemas import table_spec
 
@@ -62,6 +63,23 @@ def test_list_of_a_row_cannot_be_written_to_as_a_table_may_follow() -> None:
     row = rows_of_columns(table_spec("lidar"), columns_of("lidar", sensor="lidar", x=x))[0]
     with pytest.raises(ValueError, match="read-only"):
         row["x"][0] = 2.0
+
+
+@pytest.mark.parametrize("object_id", [[5, 3], [3, 3]])
+def test_sorted_arrays_are_those_of_the_table(object_id: list[int]) -> None:
+    category, agent = (pa.array(texts).dictionary_encode() for texts in (["Car", "Bus"], [None, "cav_1"]))
+    own = {"frame": np.array([4, 4], np.int32), "object_id": np.array(object_id, np.int32)}
+    columns = columns_of("boxes", category=category, agent=agent, **own)
+    found = sorted_arrays(table_spec("boxes"), columns)
+    if object_id[0] == object_id[1]:  # the table refuses it
+        assert found is None
+        return
+    assert found is not None
+    wanted = arrays_of(table_from_columns("boxes", columns))
+    assert list(found) == list(wanted)
+    for name, values in wanted.items():
+        assert found[name].dtype == values.dtype
+        np.testing.assert_array_equal(found[name], values)
 
 
 def test_image_is_waited_for_when_its_bytes_are_asked_for() -> None:

@@ -1,11 +1,13 @@
 """Views: order, poses, presence, and the check against the loaded batch."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from mmw.config import MountConfig
 from mmw.core.transforms import pose_to_matrix, quaternion_to_ypr
-from mmw.scene.views import actor_views, make_views, mount_pose, sensor_actors
+from mmw.scene.views import SensorViews, actor_views, make_views, mount_pose, sample_views, sensor_actors
 from mmw.sensors import DepthCamera, Imu, Lidar
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.scenes import ABSENT, two_cars
@@ -90,3 +92,18 @@ def test_views_of_another_batch_are_refused() -> None:
     for frames in ([1, 0], [0, 1, 2]):
         with pytest.raises(ValueError, match="call load_batch"):
             make_views(arrays, frames, Lidar()).for_scene(scene)
+
+
+def test_views_of_several_sensors_are_those_of_each() -> None:
+    arrays, frames = two_cars(4), [2, 0, 3]
+    arrays.poses[3, 0] = ABSENT
+    mount = MountConfig(position_m=(1.0, 0.5, 2.0), yaw_deg=90.0)
+    sensors = (Lidar(), Imu(), DepthCamera(on=()), Lidar(name="slow", rate_hz=50.0, mount={"cav": mount}))
+    other = Lidar(name="other")
+    together = SensorViews(arrays, frames, sensors)
+    for sensor in (*sensors, other):
+        found, wanted = together.of(sensor), sample_views(arrays, frames, sensor)
+        for field in dataclasses.fields(wanted):
+            own, expected = getattr(found, field.name), getattr(wanted, field.name)
+            np.testing.assert_array_equal(own, expected)
+            assert own.dtype == expected.dtype

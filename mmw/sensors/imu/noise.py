@@ -70,13 +70,13 @@ def imu_errors(
         return np.array([accel, gyro]).reshape(2, 1, 1, 1)
 
     def triads(series: np.ndarray) -> np.ndarray:  # [A, F, 6] to [2, A, F, 3]
-        return np.moveaxis(series.reshape(*series.shape[:2], 2, 3), 2, 0)
+        return series.reshape(*series.shape[:2], 2, 3).transpose(2, 0, 1, 3)
 
     base, parts = instants(frames, rate_hz)
     white = triads(white_series(keys("white"), base, 6, parts))
-    constant = np.broadcast_to(pair(0.0, config.gyro_bias), white.shape)
-    perfect = np.broadcast_to(np.eye(3), (2, len(agents), 3, 3))
+    constant = np.zeros(white.shape) + pair(0.0, config.gyro_bias)
     if config.mode == "carla":
+        perfect = np.zeros((2, len(agents), 3, 3)) + np.eye(3)
         return ImuErrors(pair(config.accel_noise_std, config.gyro_noise_std) * white, constant, perfect)
     noise = pair(config.accel_noise_density, config.gyro_noise_density) / np.sqrt(config.interval_s(rate_hz)) * white
     walk = pair(config.accel_random_walk, config.gyro_random_walk)
