@@ -37,6 +37,7 @@ class LaunchRecorder:
         found = self._recorded.get(key)
         if found is None:
             launch = wp.launch(kernel, dim, inputs, outputs, device=self._device, block_dim=block_dim, record_cmd=True)
+            assert launch is not None  # it has threads
             if len(self._recorded) >= KEPT_LAUNCHES:
                 self._recorded.clear()
             found = self._recorded[key] = launch, [dim, kernel, inputs, outputs]

@@ -49,7 +49,7 @@ def sorted_arrays(spec: TableSpec, columns: Mapping[str, Any]) -> dict[str, np.n
 
 
 def _array(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, order: np.ndarray) -> np.ndarray:
-    if isinstance(values, np.ndarray) and values.dtype == number:
+    if isinstance(values, np.ndarray) and number is not None and values.dtype == number:
         if number.kind != "f" or np.isfinite(values).all():
             return values[order]
     elif number is None and isinstance(values, str | pa.DictionaryArray):
@@ -124,12 +124,13 @@ def _cells(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: An
     if isinstance(values, str):
         return [values] * count
     if isinstance(values, np.ndarray):
-        if values.dtype == number:
+        if number is not None and values.dtype == number:
             found = values.tolist()
             if number.kind != "f" or all(map(math.isfinite, found)):
                 return found
     elif isinstance(values, ListColumn):
-        if values.values.dtype == number and (number.kind != "f" or np.isfinite(values.values).all()):
+        held = values.values
+        if number is not None and held.dtype == number and (number.kind != "f" or np.isfinite(held).all()):
             return values.rows()
     elif isinstance(values, pa.Array):
         if field.nullable and values.null_count == count:

@@ -147,7 +147,7 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
 def _mounted(pose: np.ndarray, mounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return poses of sensors by those of their actors, shape [F, n, 7], and which are there, shape [F, n], bool."""
     sensor = compose(np.concatenate([pose[..., :3], normalize(pose[..., 3:])], axis=-1), mounts)
-    return sensor, np.isfinite(pose).all(axis=-1)
+    return sensor, np.asarray(np.isfinite(pose).all(axis=-1))
 
 
 def _views(frames: np.ndarray, actors: np.ndarray, pose: np.ndarray, is_present: np.ndarray) -> Views:

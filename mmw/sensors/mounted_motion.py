@@ -42,7 +42,7 @@ class MountedMotion:
     motion: Motion
     """Derivatives of the poses, shape [P, A, 3]."""
     at: np.ndarray
-    """Which of the P rows were asked for, shape [F]."""
+    """Those of the P rows that were asked for, shape [F]."""
 
 
 def mounted_motion(

@@ -85,7 +85,7 @@ def trace_sight(
     """
     arrays, lines = scene.arrays, _lines(scene.arrays.actors, antenna)
     rows = frame_rows(arrays, frames)
-    is_here = np.isfinite(arrays.poses[rows]).all(axis=2)
+    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
     if due is not None:
         is_here &= due[:, None]
     batch_index, line = np.nonzero(is_here[:, lines.agent] & is_here[:, lines.actor])

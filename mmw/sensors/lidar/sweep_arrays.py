@@ -143,7 +143,7 @@ def _host_block(block: wp.array) -> np.ndarray:
     """Return a copy of a block of bytes on the host."""
     if block.size == 0:
         return np.zeros(0, dtype=np.uint8)
-    return block.numpy().copy() if block.device.is_cpu else to_host([block])[0]
+    return block.numpy().copy() if wp.get_device(block.device).is_cpu else to_host([block])[0]
 
 
 def _column(block: Array, start: int, shape: tuple[int, ...], kind: type) -> Array:
