@@ -16,12 +16,11 @@ from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
-from mmw.core.remember import remembered
-from mmw.core.transforms import compose
 from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, poses_from_rows, to_world
 from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.link import LINK_FIELDS, Link
 from mmw.dataset.sample_rows import Row, points_of, rows_of_table, stored_image
+from mmw.dataset.sensor_poses import SensorPoses, mounted_sensors
 from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
     Stored,
@@ -141,6 +140,7 @@ class Agent:
     """Its row of table `poses`: velocity, angular velocity, object_id."""
     pose: np.ndarray
     """Agent to world, shape [7]."""
+    _placed: SensorPoses = field(repr=False, compare=False)
 
     def sensor_pose(self, sensor: str) -> np.ndarray:
         """Return the pose of one of its sensors, or of its `antenna`, in the world, shape [7].
@@ -149,7 +149,7 @@ class Agent:
             InputError: If it has no such sensor.
         """
         self._mount(sensor)
-        return self.frame.sensor_poses[self.name, sensor]
+        return self._placed.of(self.name, sensor, self.frame.sensor_rows)
 
     @cached_property
     def sensors(self) -> dict[str, Row]:
@@ -322,24 +322,12 @@ class Frame:
         return self.data.read("sensors", scenario=self.scenario).to_pylist()
 
     @cached_property
-    def sensor_poses(self) -> dict[tuple[str, str], np.ndarray]:
-        """Agent and sensor -> pose of the sensor or antenna in the world, shape [7], of agents that are there."""
-        names, mounts = sensor_mounts(self.sensor_rows)
-        agents = self.agents
-        rows = [index for index, (agent, _) in enumerate(names) if agent in agents]
-        if not rows:
-            return {}
-        poses = np.array([agents[names[index][0]].pose for index in rows])
-        return {names[index]: pose for index, pose in zip(rows, compose(poses, mounts[rows]), strict=True)}
-
-    @cached_property
     def agents(self) -> dict[str, Agent]:
         """Name -> agent, connected vehicles and roadside units that are there."""
         rows, own = self.rows("poses"), copy(self)  # agents of this very frame would keep it from being freed at once
-        return {
-            row["agent"]: Agent(own, row["agent"], row["role"], row, pose)
-            for row, pose in zip(rows, poses_from_rows(rows), strict=True)
-        }
+        poses = {row["agent"]: pose for row, pose in zip(rows, poses_from_rows(rows), strict=True)}
+        placed = SensorPoses(poses)
+        return {row["agent"]: Agent(own, row["agent"], row["role"], row, poses[row["agent"]], placed) for row in rows}
 
     @cached_property
     def boxes(self) -> Boxes:
@@ -358,21 +346,6 @@ class Frame:
             own = {name: values[is_own] for name, values in paths.items()}
             found.append(Link(**{name: row[name] for name in LINK_FIELDS}, paths=own))
         return tuple(found)
-
-
-@remembered(size=8)
-def mounted_sensors(rows: list[Row]) -> dict[str, dict[str, Row]]:
-    """Return the rows of table `sensors` by agent and sensor."""
-    found: dict[str, dict[str, Row]] = {}
-    for row in rows:
-        found.setdefault(row["agent"], {})[row["sensor"]] = row
-    return found
-
-
-@remembered(size=8)
-def sensor_mounts(rows: list[Row]) -> tuple[list[tuple[str, str]], np.ndarray]:
-    """Return agent and sensor of each row of table `sensors`, and the pose of the sensor on the agent, shape [N, 7]."""
-    return [(row["agent"], row["sensor"]) for row in rows], poses_from_rows(rows)
 
 
 def sensor_spec(row: Row) -> SensorSpec:

@@ -94,10 +94,11 @@ def _measure(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Return measured and true position, velocity, speed and heading, shape [A, F] or [A, F, 3]; times: `instants`."""
     frames, parts = times
-    white_keys, drift_keys = (
-        random_keys((*stream, agent, config.name, kind) for agent in agents) for kind in ("white", "drift")
-    )
-    white = white_series(white_keys, frames, 8, parts)
+
+    def keys(kind: str) -> np.ndarray:
+        return random_keys((*stream, agent, config.name, kind) for agent in agents)
+
+    white = white_series(keys("white"), frames, 8, parts)
     heading_true = sensor_heading(pose[..., 3:])
     heading = np.mod(heading_true + np.radians(config.heading_noise_std_deg) * white[..., 6], 2.0 * np.pi)
     heading = np.where(heading >= 2.0 * np.pi, 0.0, heading)
@@ -112,7 +113,7 @@ def _measure(
         noisy = velocity.copy()
         noisy[..., :2] += error[..., None] * along
         return true + np.array(spread) * white[..., :3], true, noisy, speed_true + error, heading
-    drift = gauss_markov(drift_keys, frames, 3, config.drift_correlation_s / FRAME_DT, parts)
+    drift = gauss_markov(keys("drift"), frames, 3, config.drift_correlation_s / FRAME_DT, parts)
     spread = np.array([config.horizontal_drift_std_m] * 2 + [config.vertical_drift_std_m])
     noise = np.array([config.horizontal_noise_std_m] * 2 + [config.vertical_noise_std_m])
     measured = wgs84_from_world(pose[..., :3] + spread * drift + noise * white[..., :3], config.reference)
