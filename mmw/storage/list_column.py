@@ -19,6 +19,20 @@ class ListColumn:
     def __len__(self) -> int:
         return len(self.offsets) - 1
 
+    def __getitem__(self, rows: slice) -> "ListColumn":
+        """Return consecutive rows."""
+        first, last, _ = rows.indices(len(self))
+        offsets = self.offsets[first : max(last, first) + 1]
+        return ListColumn(offsets - offsets[0], self.values[offsets[0] : offsets[-1]])
+
+    def take(self, order: np.ndarray) -> "ListColumn":
+        """Return rows by their numbers."""
+        every = self.rows()
+        chosen = [every[index] for index in order.tolist()]
+        offsets = np.zeros(len(chosen) + 1, dtype=np.int32)
+        np.cumsum([len(row) for row in chosen], out=offsets[1:])
+        return ListColumn(offsets, np.concatenate([self.values[:0], *chosen]))
+
     def rows(self) -> list[np.ndarray]:
         """Return the lists, which cannot be written to: a table may be made of them later."""
         values = self.values.view()

@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.core.later import Later
+from mmw.storage.list_column import ListColumn
 
 
 class WorldRows:
@@ -54,7 +55,7 @@ class WorldRows:
 
 
 def _is_scalar(values: Any) -> bool:
-    return not isinstance(values, (np.ndarray, pa.Array, list))
+    return not isinstance(values, (np.ndarray, pa.Array, ListColumn, list))
 
 
 def _taken(values: Any, order: np.ndarray) -> Any:
@@ -62,4 +63,6 @@ def _taken(values: Any, order: np.ndarray) -> Any:
         return [values[index] for index in order.tolist()]
     if isinstance(values, pa.Array):
         return values.take(pa.array(order))
+    if isinstance(values, ListColumn):
+        return values.take(order)
     return values[order] if isinstance(values, np.ndarray) else values

@@ -7,6 +7,7 @@ import pyarrow as pa
 import pytest
 
 from mmw.generation.live.world_rows import WorldRows
+from mmw.storage.list_column import ListColumn
 
 
 def _columns() -> dict[str, object]:
@@ -17,6 +18,7 @@ def _columns() -> dict[str, object]:
         "sensor": "lidar",
         "image": [(b"0", "0"), (b"1", "1"), (b"2", "2"), (b"3", "3"), (b"4", "4")],
         "values": lists,
+        "lists": ListColumn(lists.offsets.to_numpy(), lists.values.to_numpy()),
         "number": np.arange(5),
     }
 
@@ -35,3 +37,4 @@ def test_world_has_its_rows_in_their_order(waits: bool) -> None:
             assert own["image"] == [columns["image"][index] for index in expected]
             for name in ("agent", "values"):
                 assert own[name].to_pylist() == columns[name].take(pa.array(expected, pa.int64())).to_pylist()
+            assert own["lists"].to_arrow().to_pylist() == own["values"].to_pylist()
