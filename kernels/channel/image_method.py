@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from mmw.kernels.channel.candidate_list import FOUND, LISTED, CandidateList
 from mmw.kernels.channel.edges import Wedges, can_diffract, edge_point, edge_world
 from mmw.kernels.channel.finite_surfaces import Outlines, beside_surface
 from mmw.kernels.channel.segments import (
@@ -37,24 +38,32 @@ wp.set_module_options(DOUBLE_PRECISION)
 
 @wp.struct
 class PathCandidates:
-    """Candidate paths: a link and its interactions, from transmitter to receiver."""
+    """Scratch for the geometry of candidate paths."""
 
-    link: wp.array[int]
-    """Link of each candidate, shape [C]."""
     step: wp.array2d[int]
-    """Interactions of each: a surface id (or plane id), -2 - wedge id, or -1 behind the end, shape [C, D]."""
-    is_plane: wp.bool
-    """True if steps are planes, of which the point picks the surface; `step` then gets the surfaces that are found."""
+    """Interactions as in `CandidateList`; of planes the surfaces, once they are found, shape [C, D]."""
+    image: wp.array2d[wp.vec3d]
+    """Image of the end that a step belongs to, before its surface [m], shape [C, D]."""
+    normal: wp.array2d[wp.vec3d]
+    """Plane of each step, shape [C, D]."""
+    offset: wp.array2d[wp.float64]
+    """Plane of each step, shape [C, D]."""
+    point: wp.array2d[wp.vec3d]
+    """Point of each step [m], shape [C, D]."""
     is_curved: wp.bool
     """True if each is one reflection at a curved surface, whose point and normal are given."""
-    image: wp.array2d[wp.vec3d]
-    """Scratch: image of the end that a step belongs to, before its surface [m], shape [C, D]."""
-    normal: wp.array2d[wp.vec3d]
-    """Scratch: plane of each step, shape [C, D]."""
-    offset: wp.array2d[wp.float64]
-    """Scratch: plane of each step, shape [C, D]."""
-    point: wp.array2d[wp.vec3d]
-    """Scratch: point of each step [m], shape [C, D]."""
+
+
+@wp.struct
+class FoundPaths:
+    """Paths that were found among candidates, in any order."""
+
+    candidate: wp.array[int]
+    """Number of the candidate, shape [P]."""
+    link: wp.array[int]
+    """Link of each, in the order of the transmitters, shape [P]."""
+    order: wp.array[int]
+    """Number of interactions, shape [P]."""
 
 
 @wp.func
@@ -125,6 +134,7 @@ def find_points(
 @wp.func
 def find_exact_points(
     candidates: PathCandidates,
+    is_plane: bool,
     surfaces: Surfaces,
     wedges: Wedges,
     outlines: Outlines,
@@ -148,7 +158,7 @@ def find_exact_points(
     for k in range(steps):
         if k != edge:
             surface = candidates.step[candidate, k]
-            if candidates.is_plane:
+            if is_plane:
                 surface = surfaces.lead[surface]
             plane = mean_plane(surfaces, pose, batch_index, surface)
             candidates.normal[candidate, k] = plane.normal
@@ -157,7 +167,7 @@ def find_exact_points(
     step = wp.int32(0)
     while is_valid and step < steps:
         if step != edge:
-            if candidates.is_plane:
+            if is_plane:
                 plane_id = candidates.step[candidate, step]
                 found = surface_at(surfaces, pose, batch_index, plane_id, candidates.point[candidate, step])
                 if found < 0 and steps == 1 and outlines.longest_m > wp.float64(0.0):
@@ -183,6 +193,30 @@ def find_exact_points(
     return is_valid
 
 
+@wp.func
+def add_path(
+    candidate: int, link: int, order: int, hits: HitBuffers, row: int,
+    # out
+    counts: wp.array[int], found: FoundPaths, found_hits: HitBuffers,
+):  # fmt: skip
+    """Add a path whose interactions are a row of `hits`, if there is room; the counts have it in any case.
+
+    Behind its interactions are 0, -1, NaN and NaN.
+    """
+    place = wp.atomic_add(counts, FOUND, 1)
+    if place >= found.link.shape[0]:
+        return
+    found.candidate[place] = candidate
+    found.link[place] = link
+    found.order[place] = order
+    none = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
+    for k in range(hits.kind.shape[1]):
+        found_hits.kind[place, k] = wp.where(k < order, hits.kind[row, k], 0)
+        found_hits.surface[place, k] = wp.where(k < order, hits.surface[row, k], MISS_ID)
+        found_hits.vertex[place, k] = wp.where(k < order, hits.vertex[row, k], none)
+        found_hits.normal[place, k] = wp.where(k < order, hits.normal[row, k], none)
+
+
 @wp.kernel
 def refine_kernel(
     scene: Scene,
@@ -192,38 +226,58 @@ def refine_kernel(
     pose: wp.array2d[wp.transformd],
     outlines: Outlines,
     origin: wp.vec3d,
-    candidates: PathCandidates,
+    listed: CandidateList,
+    given: int,
+    sights: int,
+    begin: int,
     passes: int,
+    # scratch
+    candidates: PathCandidates,
+    hits: HitBuffers,
     # out
-    order_out: wp.array[int],
-    hits_out: HitBuffers,
+    counts: wp.array[int],
+    found: FoundPaths,
+    found_hits: HitBuffers,
 ):
     """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
 
-    `order_out` is the number of rows of `hits_out` that are filled, -1 where there is no path. `origin` is the world
-    position of the scene frame's origin. Of S threads one works, see `mmw.core.device.thread_spread`.
-    Launch: dim=(C, S), block_dim=64.
+    The first `sights` candidates are the lines of sight of the links of these numbers. Those of `listed` follow, as
+    many as are `given`, or, where that is negative, as the counts tell; thread c takes candidate `begin` + c. `origin` is the world position of the scene
+    frame's origin. Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, S), block_dim=64.
     """
     candidate, lane = wp.tid()
     if lane > 0:
         return
-    link = candidates.link[candidate]
+    number = begin + candidate
+    depth = hits.kind.shape[1]
+    link = number
+    is_plane = wp.bool(False)
+    steps = wp.int32(0)
+    edge = wp.int32(-1)
+    if number >= sights:
+        row = number - sights
+        rows = given
+        if given < 0:
+            rows = wp.min(counts[LISTED], listed.link.shape[0])
+        if row >= rows:
+            return
+        link = listed.link[row]
+        is_plane = listed.is_plane[row] != wp.uint8(0)
+        while steps < depth and listed.step[row, steps] != MISS_ID:
+            candidates.step[candidate, steps] = listed.step[row, steps]
+            if listed.step[row, steps] < MISS_ID:
+                edge = steps
+            steps = steps + 1
     batch_index = ends.batch_index[link]
     world = ends.tx.shape[1] - 1
     tx = ends.tx[link, world]
     rx = ends.rx[link, world]
-    order_out[candidate] = -1
-    steps = wp.int32(0)
-    edge = wp.int32(-1)
-    while steps < candidates.step.shape[1] and candidates.step[candidate, steps] != MISS_ID:
-        if candidates.step[candidate, steps] < MISS_ID:
-            edge = steps
-        steps = steps + 1
     if edge < 0:
         edge = steps
-    if not find_exact_points(candidates, surfaces, wedges, outlines, pose, batch_index, candidate, steps, edge, tx, rx):
+    if not find_exact_points(
+        candidates, is_plane, surfaces, wedges, outlines, pose, batch_index, candidate, steps, edge, tx, rx
+    ):
         return
-    depth = hits_out.kind.shape[1]
     max_slabs = wp.min(depth - steps, passes)
     filled = wp.int32(0)
     length = wp.float64(0.0)
@@ -266,21 +320,21 @@ def refine_kernel(
         if k == steps:
             segment.stop = segment.stop + END_SLACK * (segment.begin - segment.stop)
         filled = trace_segment(
-            scene, surfaces, pose, origin, batch_index, segment, candidate, filled, max_slabs - (filled - k), hits_out
+            scene, surfaces, pose, origin, batch_index, segment, candidate, filled, max_slabs - (filled - k), hits
         )
         if filled < 0:
             return
         if k < steps:
-            hits_out.kind[candidate, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
-            hits_out.surface[candidate, filled] = wp.where(
+            hits.kind[candidate, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
+            hits.surface[candidate, filled] = wp.where(
                 k == edge, -2 - candidates.step[candidate, k], candidates.step[candidate, k]
             )
-            hits_out.vertex[candidate, filled] = segment.end
-            hits_out.normal[candidate, filled] = away
+            hits.vertex[candidate, filled] = segment.end
+            hits.normal[candidate, filled] = away
             filled = filled + 1
         segment.begin = segment.end
         segment.start = segment.stop
         segment.own[0] = segment.own[2]
         segment.own[1] = segment.own[3]
     if length > MIN_PATH_M:
-        order_out[candidate] = filled
+        add_path(number, link, filled, hits, candidate, counts, found, found_hits)

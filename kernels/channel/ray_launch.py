@@ -8,6 +8,7 @@ different ones never are. Which cell a node gets depends on the order of the thr
 
 import warp as wp
 
+from mmw.kernels.channel.candidate_list import FULL
 from mmw.kernels.core.compiler import FINITE
 from mmw.kernels.core.geometry import fibonacci_direction
 from mmw.kernels.core.structs import MISS_ID, Scene
@@ -77,7 +78,7 @@ def launch_kernel(
     # out
     is_hit_out: wp.array2d[wp.uint8],
     keys_out: wp.array[wp.uint64],
-    is_full_out: wp.array[int],
+    counts_out: wp.array[int],
 ):
     """Follow each ray over `depth` surfaces and store every sequence of planes that reflects it.
 
@@ -86,8 +87,8 @@ def launch_kernel(
     neighbors on the sphere: threads take them one after the other, so that a block's rays stay together.
 
     Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a frame and actor, and row_count * stride at
-    least the number of rays. `is_hit_out` starts as zeros, shape [A, K], as do `keys_out` and `is_full_out`, which
-    becomes 1 where a node found no cell. `plane` and `is_slab` have an entry a surface.
+    least the number of rays. `is_hit_out` starts as zeros, shape [A, K], as do `keys_out` and `counts_out`,
+    whose entry `FULL` becomes 1 where a node found no cell. `plane` and `is_slab` have an entry a surface.
     """
     source, thread = wp.tid()
     ray = (thread % row_count) * stride + thread // row_count
@@ -112,7 +113,7 @@ def launch_kernel(
                 cell = insert_candidate(keys_out, parent, own, level)
                 code = is_hit_out.shape[0] * is_hit_out.shape[1] + cell
                 if cell < 0:
-                    is_full_out[0] = 1
+                    counts_out[FULL] = 1
                     hit_count = depth
             hit_count = hit_count + 1
             if hit_count < depth:

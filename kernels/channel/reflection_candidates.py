@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from mmw.kernels.channel.candidate_list import CandidateList, append_candidate
 from mmw.kernels.channel.ray_launch import EMPTY_CELL, PLANE_BITS
 from mmw.kernels.channel.surfaces import (
     LinkEnds,
@@ -21,8 +22,6 @@ wp.set_module_options(DOUBLE_PRECISION)
 WIDE_MARGIN = wp.constant(wp.float64(1e-5))
 """Slack of the first test of a reflection [m and 1]: it only has to let every surface through that `refine_kernel`
 finds to be exact, however its point is rounded."""
-LINK_BITS = wp.constant(31)
-"""Links of a source that one pass over the candidates tests: the bits of its result."""
 
 
 @wp.struct
@@ -35,6 +34,8 @@ class CandidateTree:
     """Code of cell 0: the number of (source, plane) pairs."""
     plane_count: int
     """K."""
+    first_link: wp.array[int]
+    """First link of each source, and the number of links, shape [A + 1]."""
     source: wp.array[int]
     """Source of each candidate, shape [N]."""
     image: wp.array[wp.vec3d]
@@ -91,6 +92,14 @@ def reflects_in_box(
     return is_between(low[2], high[2], tx[2] + share * (rx[2] - tx[2]) - down * normal[2])
 
 
+@wp.func
+def link_target(target: wp.array[int], link: int) -> int:
+    """Return the link that a candidate of some link is for, see `cull_candidates_kernel`."""
+    if target.shape[0] == 0:
+        return link
+    return wp.max(target[link], -1 - target[link])
+
+
 @wp.kernel
 def cull_reflections_kernel(
     ends: LinkEnds,
@@ -99,19 +108,21 @@ def cull_reflections_kernel(
     link_count: int,
     first_source: int,
     is_hit: wp.array2d[wp.uint8],
+    is_mirror: wp.array[wp.uint8],
+    target: wp.array[int],
     # out
-    pairs_out: wp.array2d[wp.uint64],
+    listed: CandidateList,
+    counts: wp.array[int],
 ):
-    """Find which links could use which surface: their point of reflection falls into the surface's box.
+    """List the surfaces that links could use: their point of reflection falls into the surface's box.
 
-    A thread tests eight surfaces and eight links: bit 8 s + b of `pairs_out` is surface 8 group + s and link 8 block +
-    b after `first_link`. `is_hit` has a row for each source from `first_source`, a column a plane; without rows every
-    plane counts as hit. Launch: dim=(ceil(link_count / 8), ceil(G / 8)).
+    A thread tests eight surfaces and eight links after `first_link`. `is_hit` has a row for each source from
+    `first_source`, a column a plane; without rows every plane counts as hit. `is_mirror` tells which surfaces reflect,
+    without entries all; `target` as in `cull_candidates_kernel`. Launch: dim=(ceil(link_count / 8), ceil(G / 8)).
     """
     block, group = wp.tid()
     links = wp.min(8, link_count - 8 * block)
     members = wp.min(8, surfaces.row.shape[0] - 8 * group)
-    pairs = wp.uint64(0)
     member = wp.int32(0)
     while member < members:
         surface = 8 * group + member
@@ -125,14 +136,17 @@ def cull_reflections_kernel(
             is_seen = is_hit.shape[0] == 0
             if not is_seen:
                 is_seen = is_hit[ends.source[link] - first_source, surfaces.plane[surface]] != wp.uint8(0)
+            if is_seen and is_mirror.shape[0] > 0:
+                is_seen = is_mirror[surface] != wp.uint8(0)
             if is_seen:
                 low = surfaces.lower[row]
                 high = surfaces.upper[row]
                 if reflects_in_box(normal, offset, low, high, ends.tx[link, carrier], ends.rx[link, carrier]):
-                    pairs = pairs | (wp.uint64(1) << wp.uint64(8 * member + bit))
+                    place = append_candidate(listed, link_target(target, link), False, counts)
+                    if place >= 0:
+                        listed.step[place, 0] = surface
             bit = bit + 1
         member = member + 1
-    pairs_out[block, group] = pairs
 
 
 @wp.kernel
@@ -233,66 +247,56 @@ def write_planes(
     step_out[row, column] = at % tree.plane_count
 
 
+@wp.func
+def is_mirror_tree(tree: CandidateTree, last: int, is_mirror: wp.array[wp.uint8]) -> bool:
+    """Return whether all planes of the candidate with code `last` reflect; without entries all do."""
+    if is_mirror.shape[0] == 0:
+        return True
+    code = last
+    is_all = wp.bool(True)
+    while is_all and code >= tree.first:
+        key = tree.key[code - tree.first]
+        is_all = is_mirror[candidate_plane(key)] != wp.uint8(0)
+        code = candidate_parent(key)
+    return is_all and is_mirror[code % tree.plane_count] != wp.uint8(0)
+
+
 @wp.kernel
 def cull_candidates_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     pose: wp.array2d[wp.transformd],
-    first_link: wp.array[int],
-    block: int,
     tree: CandidateTree,
+    is_mirror: wp.array[wp.uint8],
+    target: wp.array[int],
     # out
-    links_out: wp.array[int],
-    count_out: wp.array[int],
+    listed: CandidateList,
+    counts: wp.array[int],
 ):
-    """Find which links of its source a candidate could serve; bit b of `links_out` is its link `block` * LINK_BITS + b.
+    """List the links of its source that a candidate could serve.
 
-    `first_link` has one entry more than there are sources. Launch: dim=N.
+    `is_mirror` tells which planes reflect, without entries
+    all. `target` is the link that each is listed as, or -1 - that link if it starts at its receiver, so that the planes
+    are in the order from the other end; without entries its own number. Launch: dim=N.
     """
     cell = wp.tid()
-    bits = wp.int32(0)
-    count = wp.int32(0)
-    if tree.key[cell] != EMPTY_CELL:
-        source = tree.source[cell]
-        begin = first_link[source] + block * LINK_BITS
-        stop = wp.min(first_link[source + 1], begin + LINK_BITS)
-        link = begin
-        while link < stop:
-            rx = ends.rx[link, ends.rx.shape[1] - 1]
-            if points_in_boxes(ends, surfaces, pose, tree, tree.first + cell, link, rx):
-                bits = bits | (1 << (link - begin))
-                count = count + 1
-            link = link + 1
-    links_out[cell] = bits
-    count_out[cell] = count
-
-
-@wp.kernel
-def fill_candidates_kernel(
-    first_link: wp.array[int],
-    block: int,
-    tree: CandidateTree,
-    links: wp.array[int],
-    end: wp.array[int],
-    # out
-    link_out: wp.array[int],
-    plane_out: wp.array2d[int],
-):
-    """Write the (link, candidate) pairs that `cull_candidates_kernel` chose; `end` is the inclusive sum of its counts.
-
-    A candidate is written from transmitter to receiver, -1 behind its end. Launch: dim=N.
-    """
-    cell = wp.tid()
-    bits = links[cell]
-    if bits == 0:
+    if tree.key[cell] == EMPTY_CELL:
         return
-    begin = first_link[tree.source[cell]] + block * LINK_BITS
-    index = end[cell]
-    bit = LINK_BITS - 1
-    while bit >= 0:
-        if (bits >> bit) & 1 == 1:
-            index = index - 1
-            link_out[index] = begin + bit
-            last = candidate_depth(tree.key[cell]) - 1
-            write_planes(tree, tree.first + cell, index, last, -1, plane_out)
-        bit = bit - 1
+    last = tree.first + cell
+    if not is_mirror_tree(tree, last, is_mirror):
+        return
+    source = tree.source[cell]
+    link = tree.first_link[source]
+    while link < tree.first_link[source + 1]:
+        rx = ends.rx[link, ends.rx.shape[1] - 1]
+        if points_in_boxes(ends, surfaces, pose, tree, last, link, rx):
+            place = append_candidate(listed, link_target(target, link), True, counts)
+            if place >= 0:
+                is_turned = wp.bool(False)
+                if target.shape[0] > 0:
+                    is_turned = target[link] < 0
+                if is_turned:
+                    write_planes(tree, last, place, 0, 1, listed.step)
+                else:
+                    write_planes(tree, last, place, candidate_depth(tree.key[cell]) - 1, -1, listed.step)
+        link = link + 1

@@ -19,36 +19,42 @@ KEPT_BYTES = 1 << 18
 """Largest block that is kept to be borrowed again [bytes]: larger ones cost more to use than to allocate. Design
 value."""
 
+KEPT_SCRATCH_BYTES = 1 << 22
+"""The same for blocks without a host side; design value."""
+
 KEPT_KINDS = 256
 """Most combinations of device and layouts of which blocks are kept; design value."""
 
 Layout = tuple[tuple[int, ...], Any]
 """Shape and Warp type of an array; a vector is the last axis of the values on the host."""
 
-_free: dict[tuple[str, tuple[Layout, ...]], deque["PackedArrays"]] = {}
+_free: dict[tuple[str, tuple[Layout, ...], bool], deque["PackedArrays"]] = {}
 """Blocks that nobody uses."""
 
 
 class PackedArrays:
     """Arrays in one block on a device and one on the host, with undefined values at first.
 
-    On the CPU both are the same memory. On a GPU `upload` and `download` copy between the two.
+    On the CPU both are the same memory. On a GPU `upload` and `download` copy between the two; scratch is on the device
+    only.
 
     Attributes:
         arrays: The arrays on the device.
         host: The arrays on the host, to be written before `upload`.
     """
 
-    def __init__(self, device: str, layouts: tuple[Layout, ...]):
+    def __init__(self, device: str, layouts: tuple[Layout, ...], is_scratch: bool = False):
         """Allocate them; see `borrow_arrays` for arrays that are needed again and again."""
-        self._key = device, layouts
+        self._key = device, layouts, is_scratch
         self._offsets, size = _offsets(layouts)
         self._block = self._twin = wp.empty(size, dtype=wp.uint8, device=device)
-        self._is_kept = size <= KEPT_BYTES
-        if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
-            self._twin = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=self._is_kept)
+        self._is_kept = size <= (KEPT_SCRATCH_BYTES if is_scratch else KEPT_BYTES)
         self.arrays = _views(self._block, layouts, self._offsets)
-        self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
+        self.host: list[np.ndarray] = []
+        if not is_scratch:
+            if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
+                self._twin = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=self._is_kept)
+            self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
 
     @cached_property
@@ -93,15 +99,16 @@ class PackedArrays:
             _free.setdefault(self._key, deque()).append(self)
 
 
-def borrow_arrays(device: str, *layouts: Layout) -> PackedArrays:
+def borrow_arrays(device: str, *layouts: Layout, is_scratch: bool = False) -> PackedArrays:
     """Return a block of arrays with undefined values, one that was released if there is one.
 
     Args:
         device: Warp device.
         layouts: Shape and type of each array.
+        is_scratch: Whether the host never sees them.
     """
-    free = _free.get((device, layouts))
-    return free.pop() if free else PackedArrays(device, layouts)
+    free = _free.get((device, layouts, is_scratch))
+    return free.pop() if free else PackedArrays(device, layouts, is_scratch)
 
 
 def device_arrays(device: str, layouts: Sequence[Layout]) -> list[wp.array]:

@@ -1,60 +1,66 @@
 """Filter path candidates by a generous test for the links that could use each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.candidate_output import (
-    PAIRS_AT_ONCE,
-    Candidates,
-    count_then_write,
-    prefix_sum,
-    selected_pairs,
-    write_candidates,
-)
-from mmw.channel.path_solver.candidates import launches
-from mmw.channel.path_solver.link_blocks import block_candidates, block_reflections, make_link_blocks
+from mmw.channel.path_solver.candidate_list import Listed
+from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, count_then_write, selected_pairs
+from mmw.channel.path_solver.candidates import launches, no_values
+from mmw.channel.path_solver.link_blocks import MANY_LINKS, block_candidates, block_reflections, make_link_blocks
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
-from mmw.core.packed_arrays import borrow_arrays
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.finite_surfaces import cull_finite_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
 from mmw.kernels.channel.reflection_candidates import (
-    LINK_BITS,
     CandidateTree,
     cull_candidates_kernel,
     cull_reflections_kernel,
-    fill_candidates_kernel,
     image_kernel,
 )
 
 
 def reflected_candidates(
-    search: Search, links: SortedLinks, backward: tuple[SortedLinks, np.ndarray] | None = None
+    search: Search,
+    links: SortedLinks,
+    listed: Listed,
+    backward: tuple[SortedLinks, np.ndarray] | None = None,
+    target: wp.array | None = None,
 ) -> Iterator[Candidates]:
-    """Yield candidates of reflections, and with diffraction those that have a wedge among or behind them.
+    """List candidates of reflections, and yield those that the host has to see: of finite surfaces, of links in blocks,
+    and with diffraction those that have a wedge among or behind them.
 
     Args:
         search: Surfaces, candidate mode, rays, depth.
         links: The links.
+        listed: Where the candidates are listed.
         backward: `Search.backward()`, for diffraction.
+        target: Links that the listed candidates are for, see `cull_candidates_kernel`; these links without it.
 
     Raises:
         InputError: If there are too many candidates to try them all, or to hold them.
     """
-    for part, begin, is_hit, keys in launches(search, links.sources):
+    device = search.scene.device
+    of_surface, of_plane = search.table.mirrors_on_device
+    target = no_values(device, 1, wp.int32) if target is None else target
+    out = [listed.rows, listed.counts]
+    for part, begin, is_hit, keys in launches(search, links.sources, listed.counts):
         blocks = make_link_blocks(links, part)
         if search.table.outlines is not None:
             yield from _finite_reflections(search, links, part, begin, is_hit)
         elif blocks is None:
-            yield _single_reflections(search, links, part, begin, is_hit)
+            first, count = int(part.first_link[0]), int(part.first_link[-1] - part.first_link[0])
+            shape = -(-count // 8), -(-len(search.table) // 8)
+            inputs = [links.ends, search.table.device, first, count, begin, is_hit, of_surface, target]
+            wp.launch(cull_reflections_kernel, dim=shape, inputs=inputs, outputs=out, device=device)
         else:
             yield from block_reflections(search, links, part, is_hit, blocks)
         if keys is not None:
             tree = _build_tree(search, part, keys)
             if blocks is None:
-                yield from _reflected(search, links, part, tree)
+                inputs = [links.ends, search.table.device, search.pose, tree, of_plane, target]
+                wp.launch(cull_candidates_kernel, dim=tree.key.shape, inputs=inputs, outputs=out, device=device)
             else:
                 yield from block_candidates(search, links, part, tree, blocks)
             if backward is not None:
@@ -63,33 +69,21 @@ def reflected_candidates(
                     yield from _double_sided(search, links, part, tree, *backward)
 
 
+def lists_reflections(search: Search) -> bool:
+    """Return whether `reflected_candidates` lists any."""
+    config = search.config
+    if not config.specular_reflection or config.max_depth == 0 or not len(search.table):
+        return False
+    is_few = (np.diff(search.forward.sources.first_link) < MANY_LINKS).any()
+    return (config.max_depth > 1 or search.table.outlines is None) and bool(is_few)
+
+
 def diffracted_candidates(search: Search, links: SortedLinks) -> Iterator[Candidates]:
     """Yield candidates of reflections with a diffraction behind them only; see `reflected_candidates`."""
     for part, _, _, keys in launches(search, links.sources):
         if keys is not None:
             tree = _build_tree(search, part, keys)
             yield from _with_wedges(search, diffraction_kernel, links, part, tree)
-
-
-def _single_reflections(
-    search: Search, links: SortedLinks, sources: Sources, first_source: int, is_hit: wp.array
-) -> Candidates:
-    """Return the candidates of one reflection, in the order of links' blocks, surfaces and links."""
-    begin, device = int(sources.first_link[0]), search.scene.device
-    count = int(sources.first_link[-1]) - begin
-    shape = -(-count // 8), -(-len(search.table) // 8)
-    block = borrow_arrays(device, (shape, wp.uint64))
-    inputs = [links.ends, search.table.device, begin, count, first_source, is_hit]
-    wp.launch(cull_reflections_kernel, dim=shape, inputs=inputs, outputs=block.arrays, device=device)
-    words = block.download()[0].reshape(-1)
-    word = np.flatnonzero(words)
-    bits = np.unpackbits(words[word].view(np.uint8), bitorder="little")
-    block.release()
-    at = np.flatnonzero(bits)
-    block_of, group = np.divmod(word[at >> 6], shape[1])
-    step = np.full((len(at), max(1, search.config.max_depth)), -1, dtype=np.int32)
-    step[:, 0] = 8 * group + ((at >> 3) & 7)
-    return (begin + 8 * block_of + (at & 7)).astype(np.int32), step, False
 
 
 def _finite_reflections(
@@ -114,7 +108,8 @@ def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTr
     tree.key, tree.first, tree.plane_count = keys, len(sources) * table.plane_count, table.plane_count
     tree.source, tree.offset = search.scratch((cells,), wp.int32), search.scratch((cells,), wp.float64)
     tree.image, tree.normal = (search.scratch((cells,), wp.vec3d) for _ in range(2))
-    batch_index, tx = search.upload((sources.batch_index, wp.int32), (sources.position, wp.vec3d)).arrays
+    given = (sources.batch_index, wp.int32), (sources.position, wp.vec3d), (sources.first_link, wp.int32)
+    batch_index, tx, tree.first_link = search.upload(*given).arrays
     for level in range(2, search.config.max_depth + 1):
         wp.launch(
             image_kernel,
@@ -124,17 +119,6 @@ def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTr
             device=device,
         )
     return tree
-
-
-def _reflected(search: Search, links: SortedLinks, sources: Sources, tree: CandidateTree) -> Iterator[Candidates]:
-    """Yield the candidates of two reflections and more."""
-    first_link = search.upload((sources.first_link, wp.int32)).arrays[0]
-    for block in range(-(-int(np.diff(sources.first_link).max()) // LINK_BITS)):
-        given = [first_link, block, tree]
-        inputs = [links.ends, search.table.device, search.pose, *given]
-        yield from _cull_then_fill(
-            search, cull_candidates_kernel, inputs, fill_candidates_kernel, given, tree.key.shape, True
-        )
 
 
 def _double_sided(
@@ -160,23 +144,12 @@ def _double_sided(
         yield from _with_wedges(search, double_sided_kernel, links, sources, tree, reverse, depth)
 
 
-def _cull_then_fill(
-    search: Search, cull: wp.Kernel, inputs: list, fill: wp.Kernel, fill_inputs: list, dim: Sequence, is_plane: bool
-) -> Iterator[Candidates]:
-    """Yield the output of a kernel that writes the links that another one marks and counts."""
-    links, count = (search.scratch(tuple(dim), wp.int32) for _ in range(2))
-    wp.launch(cull, dim=dim, inputs=inputs, outputs=[links, count], device=search.scene.device)
-    end, total = prefix_sum(count.flatten())
-    yield from write_candidates(search, fill, [*fill_inputs, links, end.reshape(dim)], [], dim, total, is_plane)
-
-
 def _with_wedges(
     search: Search, kernel: wp.Kernel, links: SortedLinks, sources: Sources, tree: CandidateTree, *more: object
 ) -> Iterator[Candidates]:
     """Yield the output of a kernel that puts wedges among the planes of candidates."""
-    first_link = search.upload((sources.first_link, wp.int32)).arrays[0]
     table = search.table
-    inputs = [links.ends, table.device, table.wedges.device, search.pose, first_link, tree, *more]
+    inputs = [links.ends, table.device, table.wedges.device, search.pose, tree.first_link, tree, *more]
     yield from count_then_write(search, kernel, inputs, tree.key.shape, True)
 
 

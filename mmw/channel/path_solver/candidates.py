@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -9,6 +10,7 @@ import warp as wp
 from mmw.channel.path_solver.search import Search, Sources
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
+from mmw.kernels.channel.candidate_list import COUNTS, FULL
 from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
 
 PAIRS_AT_ONCE = 2**27
@@ -31,12 +33,16 @@ class TableFull(Exception):
     """The table of candidates is too small for this launch."""
 
 
-def launches(search: Search, sources: Sources) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
+def launches(
+    search: Search, sources: Sources, counts: wp.array | None = None
+) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
     """Yield what the rays of all sources hit, or everything that they could, in parts that fit into memory.
 
     Args:
         search: Surfaces, candidate mode, rays, depth, refraction.
         sources: Where the rays start.
+        counts: Counts of `candidate_list`, which tell then, and not before, whether the table of candidates was too
+            small, see `grow_cells`; without them the host waits here for the rays, and grows it.
 
     Yields:
         Some of the sources; the number of the first of them; the planes that are hit first, one byte each, shape [A,
@@ -51,7 +57,7 @@ def launches(search: Search, sources: Sources) -> Iterator[tuple[Sources, int, w
         begin, end = pending.pop(0)
         part = sources.part(begin, end)
         try:
-            yield part, begin, *_first_planes_and_keys(search, part)
+            yield part, begin, *_first_planes_and_keys(search, part, counts)
         except TableFull:
             middle = (begin + end) // 2
             pending = [(begin, middle), (middle, end), *pending]
@@ -74,26 +80,24 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
     return chunks
 
 
-def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, wp.array | None]:
+def _first_planes_and_keys(
+    search: Search, sources: Sources, counts: wp.array | None
+) -> tuple[wp.array, wp.array | None]:
     """Return the first planes, one byte each, shape [A, K] or [0, 0] for all, and the keys of longer candidates, shape
     [N], if wanted."""
     scene, table, config = search.scene, search.table, search.config
     if config.candidates == "exhaustive":
-        is_hit = _no_planes(scene.device)
+        is_hit = no_values(scene.device, 2, wp.uint8)
         keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         has_keys = keys is not None and len(keys) > 0
         return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
     origin = sources.position - scene.origin
     if config.max_depth == 1:
-        is_hit, _, _ = launch_rays(search, sources.batch_index, origin, config.samples_per_tx)
-        return is_hit, None
+        return launch_rays(search, sources.batch_index, origin, config.samples_per_tx)[0], None
     patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
-    name = f"cells at depth {config.max_depth}"
     max_cells = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
-    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * len(patterns)  # half full at worst
-    each = table.sizes.get(name, min(FIRST_CELLS << 3 * (config.max_depth - 2), max_candidates))
     while True:
-        cells = 2 ** int(np.ceil(np.log2(each * len(sources))))
+        cells = 1 << (_cells(search) * len(sources) - 1).bit_length()
         if cells > max_cells and len(sources) > 1:
             raise TableFull
         if cells > MAX_CELLS:
@@ -101,18 +105,32 @@ def _first_planes_and_keys(search: Search, sources: Sources) -> tuple[wp.array, 
                 f"channel.samples_per_tx = {config.samples_per_tx}, max_depth = {config.max_depth}: the candidates of "
                 f"one transmitter do not fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
             )
-        is_hit, keys, is_full = launch_rays(
-            search, sources.batch_index, origin, config.samples_per_tx, config.max_depth, cells, patterns
+        is_hit, keys, own = launch_rays(
+            search, sources.batch_index, origin, config.samples_per_tx, config.max_depth, cells, patterns, counts
         )
-        if not is_full:
-            table.sizes[name] = each
+        if counts is not None or not own.numpy()[FULL]:
             return is_hit, keys
-        each *= 4
+        grow_cells(search)
+
+
+def _cells(search: Search) -> int:
+    """Return the cells for each transmitter."""
+    config, table = search.config, search.table
+    patterns = 2 ** (config.max_depth - 1) if config.refraction and table.is_slab.any() else 1
+    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * patterns  # half full at worst
+    first = min(FIRST_CELLS << 3 * (config.max_depth - 2), max_candidates)
+    return table.sizes.get(f"cells at depth {config.max_depth}", first)
+
+
+def grow_cells(search: Search) -> None:
+    """Make the next launches have more cells: a candidate found none."""
+    search.table.sizes[f"cells at depth {search.config.max_depth}"] = 4 * _cells(search)
 
 
 @cache
-def _no_planes(device: str) -> wp.array:
-    return wp.empty((0, 0), dtype=wp.uint8, device=device)
+def no_values(device: str, dimensions: int, kind: Any) -> wp.array:
+    """Return an array without entries, which stands for all in kernels."""
+    return wp.empty((0,) * dimensions, dtype=kind, device=device)
 
 
 def launch_rays(
@@ -123,7 +141,8 @@ def launch_rays(
     depth: int = 1,
     cells: int = 1,
     patterns: range = range(1),
-) -> tuple[wp.array, wp.array, bool]:
+    counts: wp.array | None = None,
+) -> tuple[wp.array, wp.array, wp.array]:
     """Follow the rays of each transmitter.
 
     Args:
@@ -134,17 +153,21 @@ def launch_rays(
         depth: Surfaces that a ray follows.
         cells: Size of the table of candidates, a power of two.
         patterns: Which of its surfaces a ray goes through instead of off them, one launch a bit pattern.
+        counts: Counts of `candidate_list` to be used; new ones without them.
 
     Returns:
         Planes that are hit first, one byte each, shape [A, K]; keys of the candidates of two planes and more, shape
-        [N]; and whether some candidate found no cell.
+        [N]; and the counts, which tell whether some candidate found no cell.
     """
     table, device, stride = search.table, search.scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
     is_hit = search.scratch((len(batch_index), table.plane_count), wp.uint8)
-    keys, is_full = search.scratch((cells,), wp.uint64), search.scratch((1,), wp.int32)
-    for array in (is_hit, keys, is_full):
-        array.zero_()
+    keys = search.scratch((cells,), wp.uint64)
+    is_hit.zero_()
+    keys.zero_()
+    if counts is None:
+        counts = search.scratch((COUNTS,), wp.int32)
+        counts.zero_()
     batch_indices, origins = search.upload((batch_index, wp.int32), (origin, wp.vec3)).arrays
     for passes in patterns:
         wp.launch(
@@ -162,11 +185,11 @@ def launch_rays(
                 depth,
                 passes,
             ],
-            outputs=[is_hit, keys, is_full],
+            outputs=[is_hit, keys, counts],
             device=device,
             block_dim=64,
         )
-    return is_hit, keys, depth > 1 and bool(is_full.numpy()[0])
+    return is_hit, keys, counts
 
 
 def neighbor_stride(ray_count: int) -> int:

@@ -1,13 +1,15 @@
 """Trace the geometry of all paths of a batch: candidates, image method, visibility, deduplication."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.links import Links
-from mmw.channel.path_solver.candidate_filter import Candidates, diffracted_candidates, reflected_candidates
-from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, selected_pairs
+from mmw.channel.path_solver.candidate_filter import diffracted_candidates, lists_reflections, reflected_candidates
+from mmw.channel.path_solver.candidate_list import CANDIDATES_AT_ONCE, Listed, find_listed, refine_given
+from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, selected_pairs
 from mmw.channel.path_solver.curved_candidates import (
     curved_candidates,
     curved_points,
@@ -20,18 +22,11 @@ from mmw.channel.path_solver.scatter_paths import diffuse_paths
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
-from mmw.core.device import thread_spread
-from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.kernels.channel.edges import cull_wedges_kernel
-from mmw.kernels.channel.image_method import PathCandidates, refine_kernel
-from mmw.kernels.channel.segments import HitBuffers
 from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
 from mmw.physics.em.interaction import DIFFRACTION, SPECULAR
 from mmw.physics.em.vectors import dot, norm
-
-CANDIDATES_AT_ONCE = 2**20
-"""Maximum number of candidates that are refined at once, about 400 bytes each at depth 3."""
 
 SAME_POINT_M = 1e-3
 """Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
@@ -51,19 +46,23 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
         InputError: If there are too many candidates to try.
     """
     links, config, table = search.links, search.config, search.table
-    is_pair = np.zeros(len(links), dtype=bool) if is_pair is None else is_pair
-    found = [_no_paths(max(1, config.max_depth))]
+    found: list[TracedPaths] = []
     if len(links):
-        for link, step, is_plane in _joined(_at_mirrors(table, _candidates(search, is_pair))):
-            for begin in range(0, len(link), CANDIDATES_AT_ONCE):
-                part = slice(begin, begin + CANDIDATES_AT_ONCE)
-                found.append(_of_mirrors(table, _refine(search, link[part], step[part], is_plane)[0]))
+        sights = len(links) if config.los else 0
+        listed, others = find_listed(
+            search, sights, lists_reflections(search), lambda listed: list(_candidates(search, is_pair, listed))
+        )
+        found.append(_of_mirrors(table, listed))
+        for link, step, is_plane in _joined(_at_mirrors(table, others)):
+            found.append(_of_mirrors(table, refine_given(search, link, step, is_plane)[0]))
         if table.curved is not None and config.specular_reflection and config.max_depth > 0:
             found += list(_curved_paths(search, table.curved))
         if config.diffuse_reflection and len(table):
             found += diffuse_paths(search)
-    paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
-    paths = TracedPaths(search.forward.order[paths.link].astype(np.int32), *paths.columns[1:])
+    paths = _no_paths(max(1, config.max_depth)) if not found else found[0]
+    if len(found) > 1:
+        paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
+    paths = replace(paths, link=search.forward.order[paths.link].astype(np.int32))
     return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
 
 
@@ -73,7 +72,7 @@ def _curved_paths(search: Search, curved: CurvedTable) -> Iterator[TracedPaths]:
     for link, step, facet in curved_candidates(search, curved):
         given = [wp.array(values, dtype=wp.int32, device=device) for values in (link, facet)]
         touched, normal, point = curved_points(search, *given, curved)
-        paths, kept = _refine(search, link, step, False, (touched, normal))
+        paths, kept = refine_given(search, link, step, False, (touched, normal))
         own = search.forward.order[paths.link]
         share, _ = curved_shares(search, own, facet[kept], paths.vertex[:, 0], curved, is_facet=True)
         strength = np.linalg.norm(share, axis=1) / path_lengths(*_ends(search, paths), paths)
@@ -86,21 +85,19 @@ def _no_paths(depth: int) -> TracedPaths:
     return TracedPaths(ints[:, 0], ints[:, 0], ints, ints, points, points, ints[:, 0], points[:, 0, 0])
 
 
-def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
-    """Yield every candidate for the exact test."""
-    config, table, count = search.config, search.table, len(search.links)
+def _candidates(search: Search, is_pair: np.ndarray | None, listed: Listed) -> Iterator[Candidates]:
+    """List candidates of reflections for the exact test, and yield all others but lines of sight."""
+    config, table = search.config, search.table
     depth = max(1, config.max_depth)
-    if config.los:
-        yield np.arange(count, dtype=np.int32), np.full((count, depth), -1, dtype=np.int32), False
     if config.max_depth == 0 or not len(table):
         return
     has_wedges = config.diffraction and len(table.wedges) > 0
     backward = search.backward() if has_wedges and config.specular_reflection and depth > 1 else None
-    if config.specular_reflection and config.candidates == "launch" and is_pair.any():
-        yield from _shared_reflections(search, is_pair)
+    if config.specular_reflection and config.candidates == "launch" and is_pair is not None:
+        yield from _shared_reflections(search, is_pair, listed)
     elif config.specular_reflection:
         single: list[tuple[np.ndarray, np.ndarray]] = []
-        for part in reflected_candidates(search, search.forward, backward):
+        for part in reflected_candidates(search, search.forward, listed, backward):
             if backward is not None and table.outlines is not None and part[2]:
                 own = part[1][:, 1] == -1
                 single.append((part[0][own], part[1][own, 0]))
@@ -115,7 +112,7 @@ def _candidates(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
             yield row[link], _reverse(step), is_plane
 
 
-def _at_mirrors(table: SurfaceTable, candidates: Iterator[Candidates]) -> Iterator[Candidates]:
+def _at_mirrors(table: SurfaceTable, candidates: list[Candidates]) -> Iterator[Candidates]:
     """Yield the candidates whose reflections are at flat mirrors, see `SurfaceTable.is_mirror`."""
     of_surface, of_plane = table.mirror_steps
     if of_surface is None or of_plane is None:
@@ -135,26 +132,20 @@ def _of_mirrors(table: SurfaceTable, paths: TracedPaths) -> TracedPaths:
     return paths.take(np.flatnonzero(~is_other.any(axis=1)))
 
 
-def _joined(candidates: Iterator[Candidates]) -> Iterator[Candidates]:
-    """Yield candidates in fewer and larger tables: each costs launches and transfers, however small it is."""
-    kept: list[Candidates] = []
-    for part in candidates:
-        is_full = sum(len(link) for link, _, _ in kept) + len(part[0]) > CANDIDATES_AT_ONCE
-        if kept and (is_full or part[2] != kept[0][2]):
-            yield _as_one(kept)
-            kept = []
-        kept.append(part)
-    if kept:
-        yield _as_one(kept)
+def _joined(candidates: Iterator[Candidates]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield candidates in fewer tables of bounded size, with whether each has planes: each costs launches and transfers,
+    however small it is."""
+    parts = list(candidates)
+    if not parts:
+        return
+    is_plane = np.concatenate([np.full(len(link), is_plane) for link, _, is_plane in parts])
+    links, steps = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    for begin in range(0, len(links), CANDIDATES_AT_ONCE):
+        part = slice(begin, begin + CANDIDATES_AT_ONCE)
+        yield links[part], steps[part], is_plane[part]
 
 
-def _as_one(parts: list[Candidates]) -> Candidates:
-    if len(parts) == 1:
-        return parts[0]
-    return np.concatenate([link for link, _, _ in parts]), np.concatenate([step for _, step, _ in parts]), parts[0][2]
-
-
-def _shared_reflections(search: Search, is_pair: np.ndarray) -> Iterator[Candidates]:
+def _shared_reflections(search: Search, is_pair: np.ndarray, listed: Listed) -> Iterator[Candidates]:
     """Yield the candidates of reflections of links of which some stand for both directions.
 
     Both ends of such a link launch half of the rays, and the hits of either serve the link.
@@ -167,10 +158,11 @@ def _shared_reflections(search: Search, is_pair: np.ndarray) -> Iterator[Candida
         tx, rx = links.tx.position[rows], links.rx.position[rows]
         tx, rx = (np.concatenate([tx, rx]), np.concatenate([rx, tx])) if both == 2 else (tx, rx)
         sorted_links = search.sort(np.tile(links.batch_index[rows], both), tx, rx)
-        for link, step, is_plane in reflected_candidates(own, sorted_links):
-            row = sorted_links.order[link]
-            turned = np.where((row >= len(rows))[:, None], _reverse(step), step)
-            yield search.rank[rows[row % len(rows)]], turned, is_plane
+        is_turned, link_of = np.divmod(sorted_links.order, len(rows))
+        link_of = search.rank[rows[link_of]]
+        target = search.upload((np.where(is_turned, -1 - link_of, link_of), wp.int32)).arrays[0]
+        for link, step, is_plane in reflected_candidates(own, sorted_links, listed, target=target):
+            yield link_of[link], np.where(is_turned[link, None], _reverse(step), step), is_plane
 
 
 def _reverse(step: np.ndarray) -> np.ndarray:
@@ -204,68 +196,6 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
         yield (link + begin).astype(np.int32), step, False
 
 
-def _refine(
-    search: Search, link: np.ndarray, step: np.ndarray, is_plane: bool, touched: tuple[wp.array, wp.array] | None = None
-) -> tuple[TracedPaths, np.ndarray]:
-    """Return the candidates that are paths, and their rows; `link` still counts in the order of the sources.
-
-    With points [m] and unit normals, shape [C, 1] each, every candidate is a reflection there, at a curved surface.
-    """
-    scene, table, config = search.scene, search.table, search.config
-    device, count = scene.device, len(link)
-    rows = padded_count(count)
-    ends, steps = ((rows,), wp.int32), ((rows, step.shape[1]), wp.int32)
-    vectors, numbers = (steps[0], wp.vec3d), (steps[0], wp.float64)
-    given = borrow_arrays(device, ends, steps)
-    given.host[0][:count], given.host[1][:count] = link, step
-    scratch = borrow_arrays(device, vectors, vectors, vectors, numbers)
-    out = borrow_arrays(device, ends, steps, steps, vectors, vectors)
-    if touched is None:
-        candidates = scratch.struct(PathCandidates, "image", "normal", "point", "offset")
-    else:  # a struct of its own: that of the block is used again
-        candidates = PathCandidates()
-        candidates.image, _, _, candidates.offset = scratch.arrays
-        candidates.point, candidates.normal = touched
-    candidates.link, candidates.step = given.upload()
-    candidates.is_plane = is_plane
-    candidates.is_curved = touched is not None
-    hits = out.struct(HitBuffers, None, "kind", "surface", "vertex", "normal")
-    wp.launch(
-        refine_kernel,
-        dim=(count, thread_spread(device, count)),
-        inputs=[
-            table.scene_struct(scene),
-            search.forward.ends,
-            table.device,
-            table.wedges.device,
-            search.pose,
-            search.outlines,
-            wp.vec3d(*scene.origin),
-            candidates,
-            config.max_depth if config.refraction else 0,
-        ],
-        outputs=[out.arrays[0], hits],
-        device=device,
-        block_dim=64,
-    )
-    orders, kind, surface, vertex, normal = (values[:count] for values in out.download())
-    kept = np.flatnonzero(orders >= 0)
-    is_there = np.arange(step.shape[1]) < orders[kept, None]
-    found = TracedPaths(
-        link=link[kept],
-        order=orders[kept],
-        kind=np.where(is_there, kind[kept], 0),
-        surface=np.where(is_there, surface[kept], -1),
-        vertex=np.where(is_there[..., None], vertex[kept], np.nan),
-        normal=np.where(is_there[..., None], normal[kept], np.nan),
-        ray=np.full(len(kept), -1, dtype=np.int32),
-        solid_angle=np.zeros(len(kept)),
-    )
-    for block in (given, scratch, out):
-        block.release()
-    return found, kept
-
-
 def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Return the rows to keep, sorted by (link, order, kinds, surfaces).
 
@@ -283,7 +213,7 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
     rank = np.lexsort((*keys, found.order, found.link))
     rank_of = np.empty(len(found), dtype=np.int64)
     rank_of[rank] = np.arange(len(found))
-    exact = np.flatnonzero(found.ray == -1)
+    exact = rank[found.ray[rank] == -1]
     near_rank = exact[np.lexsort((length[exact], found.order[exact], found.link[exact]))]
     dropped = np.zeros(len(found), dtype=bool)
     for step in range(1, len(near_rank)):

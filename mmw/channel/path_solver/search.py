@@ -11,7 +11,7 @@ import warp as wp
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
-from mmw.core.packed_arrays import PackedArrays, borrow_arrays
+from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
 from mmw.core.transfer import scalar_type
 from mmw.core.transforms import invert, make_pose, normalize, transform_points
 from mmw.kernels.channel.surfaces import LinkEnds
@@ -97,14 +97,19 @@ class Search:
         self._scratch.append(((shape, kind), array))
         return array
 
+    def borrow(self, *layouts: Layout, is_scratch: bool = False) -> PackedArrays:
+        """Return a block of arrays until `release`, see `borrow_arrays`."""
+        block = borrow_arrays(self.scene.device, *layouts, is_scratch=is_scratch)
+        self._blocks.append(block)
+        return block
+
     def upload(self, *parts: tuple[np.ndarray, Any]) -> PackedArrays:
         """Return arrays on the device until `release`: values and Warp type of each."""
         layouts = [(values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in parts]
-        block = borrow_arrays(self.scene.device, *layouts)
+        block = self.borrow(*layouts)
         for view, (values, _) in zip(block.host, parts, strict=True):
             view[...] = values
         block.upload()
-        self._blocks.append(block)
         return block
 
     def release(self) -> None:

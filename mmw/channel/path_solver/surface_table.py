@@ -103,6 +103,16 @@ class SurfaceTable:
         return np.append(self.is_mirror, True), np.append(self.is_mirror[self.lead], True)
 
     @cached_property
+    def mirrors_on_device(self) -> tuple[wp.array, wp.array]:
+        """`is_mirror` of every surface and of the largest one of every plane; without entries where all are."""
+        if self.is_mirror is None:
+            none = wp.empty(0, dtype=wp.uint8, device=self.device.row.device)
+            return none, none
+        both = self.is_mirror, self.is_mirror[self.lead]
+        of_surface, of_plane = (wp.array(values, dtype=wp.uint8, device=self.device.row.device) for values in both)
+        return of_surface, of_plane
+
+    @cached_property
     def used_materials(self) -> np.ndarray:
         """Material ids that some surface has, sorted."""
         return np.unique(self.material_id)

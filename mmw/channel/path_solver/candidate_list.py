@@ -1,0 +1,190 @@
+"""Refine candidates to paths: those that kernels list on the device, without the host in between, and those of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from mmw.channel.path_solver.candidate_output import Candidates
+from mmw.channel.path_solver.candidates import grow_cells
+from mmw.channel.path_solver.search import Search
+from mmw.channel.path_solver.traced_paths import TracedPaths
+from mmw.core.device import thread_spread
+from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
+from mmw.kernels.channel.candidate_list import COUNTS, FOUND, FULL, LISTED, CandidateList
+from mmw.kernels.channel.image_method import FoundPaths, PathCandidates, refine_kernel
+from mmw.kernels.channel.segments import HitBuffers
+
+CANDIDATES_AT_ONCE = 2**20
+"""Maximum number of candidates that are refined at once, about 300 bytes each at depth 3."""
+
+FIRST_ROOM = {"candidates": (128, 2**18), "paths": (16, 2**16)}
+"""Candidates and paths of a link that there is room for, and of all links at most, until a search has more."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Where kernels list candidates."""
+
+    rows: CandidateList
+    counts: wp.array
+    """Number of candidates, of paths, and whether a table was too small, shape [3]."""
+
+
+def find_listed(
+    search: Search, sights: int, is_wanted: bool, fill: Callable[[Listed], list[Candidates]]
+) -> tuple[TracedPaths, list[Candidates]]:
+    """Return the paths among listed candidates, whose links count in the order of the transmitters, in any order.
+
+    All is done again with more room if there was too little, so that no candidate is lost.
+
+    Args:
+        search: The scene, links and configuration.
+        sights: Number of links whose lines of sight are wanted: all or none.
+        is_wanted: Whether there may be any candidates but these.
+        fill: Lists candidates, and returns those that are on the host; these are not refined.
+    """
+    table, depth, links = search.table, max(1, search.config.max_depth), len(search.links)
+    while True:
+        room = padded_count(_room(search, "candidates")) if is_wanted else 0
+        most = min(sights + room, sights + _room(search, "paths"))
+        at_once = min(sights + room, CANDIDATES_AT_ONCE)
+        block = search.borrow(*_list_layouts(room, depth), is_scratch=True)
+        out = _found_block(search, most)
+        out.arrays[0].zero_()
+        listed = Listed(block.struct(CandidateList, "link", "step", "is_plane"), out.arrays[0])
+        others = fill(listed)
+        for begin in range(0, sights + room, CANDIDATES_AT_ONCE):
+            _refine(search, listed.rows, -1, sights, begin, min(at_once, sights + room - begin), out)
+        counts, *columns = out.download()
+        is_wanted |= bool(counts[LISTED])
+        needed = {"candidates": int(counts[LISTED]), "paths": int(counts[FOUND])}
+        if counts[FULL]:
+            grow_cells(search)
+        elif needed["candidates"] <= room and needed["paths"] <= out.arrays[1].shape[0]:
+            return _traced(columns, slice(None, needed["paths"])), others
+        for name, count in needed.items():  # half as much again, for the next batches
+            if count > _room(search, name):
+                table.sizes[_name(search, name)] = -(-3 * count // (2 * max(links, 1)))
+
+
+def refine_given(
+    search: Search,
+    link: np.ndarray,
+    step: np.ndarray,
+    is_plane: np.ndarray | bool,
+    touched: tuple[wp.array, wp.array] | None = None,
+) -> tuple[TracedPaths, np.ndarray]:
+    """Return which candidates of the host are paths, in their order, and their rows.
+
+    `link` counts in the order of the transmitters, here and in the result.
+
+    Args:
+        search: The scene, links and configuration.
+        link: Links, shape [C].
+        step: Interactions, see `Candidates`, shape [C, D].
+        is_plane: Whether those of a candidate are planes, shape [C], or of all.
+        touched: Points [m] and unit normals, shape [C, 1] each: every candidate is a reflection there, at a curved
+            surface.
+    """
+    count = len(link)
+    given = search.borrow(*_list_layouts(padded_count(count), step.shape[1]))
+    for view, values in zip(given.host, (link, step, is_plane), strict=True):
+        view[:count] = values
+    given.upload()
+    out = _found_block(search, count)
+    out.arrays[0].zero_()
+    _refine(search, given.struct(CandidateList, "link", "step", "is_plane"), count, 0, 0, count, out, touched)
+    counts, *columns = out.download()
+    kept = columns[0][: int(counts[FOUND])]
+    order = np.argsort(kept)
+    return _traced(columns, order), kept[order]
+
+
+def _name(search: Search, name: str) -> str:
+    return f"{name} of a link at depth {search.config.max_depth}"
+
+
+def _room(search: Search, name: str) -> int:
+    each, most = FIRST_ROOM[name]
+    links, learned = len(search.links), search.table.sizes.get(_name(search, name))
+    return min(each * links, most) if learned is None else learned * links
+
+
+def _list_layouts(rows: int, depth: int) -> tuple[Layout, ...]:
+    return ((rows,), wp.int32), ((rows, depth), wp.int32), ((rows,), wp.uint8)
+
+
+def _found_block(search: Search, paths: int) -> PackedArrays:
+    """Return counts, and room for paths as in `FoundPaths` and `HitBuffers`."""
+    rows = padded_count(paths)
+    each, steps = ((rows,), wp.int32), ((rows, max(1, search.config.max_depth)), wp.int32)
+    vectors = (steps[0], wp.vec3d)
+    return search.borrow(((COUNTS,), wp.int32), each, each, each, steps, steps, vectors, vectors)
+
+
+def _refine(
+    search: Search,
+    listed: CandidateList,
+    given: int,
+    sights: int,
+    begin: int,
+    count: int,
+    out: PackedArrays,
+    touched: tuple[wp.array, wp.array] | None = None,
+) -> None:
+    """Add the paths among some candidates to `out`."""
+    if not count:
+        return
+    scene, table, config, device = search.scene, search.table, search.config, search.scene.device
+    shape = padded_count(count), max(1, config.max_depth)
+    ints, vectors, numbers = (shape, wp.int32), (shape, wp.vec3d), (shape, wp.float64)
+    scratch = search.borrow(ints, vectors, vectors, numbers, vectors, ints, ints, vectors, vectors, is_scratch=True)
+    if touched is None:
+        candidates = scratch.struct(PathCandidates, "step", "image", "normal", "offset", "point", *4 * (None,))
+    else:  # a struct of its own: that of the block is used again
+        candidates = PathCandidates()
+        candidates.step, candidates.image, _, candidates.offset = scratch.arrays[:4]
+        candidates.point, candidates.normal = touched
+        candidates.is_curved = True
+    wp.launch(
+        refine_kernel,
+        dim=(count, thread_spread(device, count)),
+        inputs=[
+            table.scene_struct(scene),
+            search.forward.ends,
+            table.device,
+            table.wedges.device,
+            search.pose,
+            search.outlines,
+            _vector(*scene.origin.tolist()),
+            listed,
+            given,
+            sights,
+            begin,
+            config.max_depth if config.refraction else 0,
+            candidates,
+            scratch.struct(HitBuffers, *5 * (None,), "kind", "surface", "vertex", "normal"),
+        ],
+        outputs=[
+            out.arrays[0],
+            out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
+            out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
+        ],
+        device=device,
+        block_dim=64,
+    )
+
+
+@cache
+def _vector(x: float, y: float, z: float) -> wp.vec3d:
+    return wp.vec3d(x, y, z)
+
+
+def _traced(columns: list[np.ndarray], rows: np.ndarray | slice) -> TracedPaths:
+    """Return some of the paths of a block; slices still are its memory."""
+    _, link, order, kind, surface, vertex, normal = (values[rows] for values in columns)
+    ray = np.full(len(link), -1, dtype=np.int32)
+    return TracedPaths(link, order, kind, surface, vertex, normal, ray, np.zeros(len(link)))
