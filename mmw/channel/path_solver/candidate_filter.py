@@ -10,6 +10,7 @@ from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, 
 from mmw.channel.path_solver.candidates import launches, no_values
 from mmw.channel.path_solver.link_blocks import MANY_LINKS, block_candidates, block_reflections, make_link_blocks
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.finite_surfaces import cull_finite_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
@@ -53,7 +54,7 @@ def reflected_candidates(
             first, count = int(part.first_link[0]), int(part.first_link[-1] - part.first_link[0])
             shape = -(-count // 8), -(-len(search.table) // 8)
             inputs = [links.ends, search.table.device, first, count, begin, is_hit, of_surface, target]
-            wp.launch(cull_reflections_kernel, dim=shape, inputs=inputs, outputs=out, device=device)
+            launch_again(cull_reflections_kernel, shape, [*inputs, *out], device)
         else:
             yield from block_reflections(search, links, part, is_hit, blocks)
         if keys is not None:

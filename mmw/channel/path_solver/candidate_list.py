@@ -1,6 +1,6 @@
 """Refine candidates to paths: those that kernels list on the device, without the host in between, and those of it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,6 +13,7 @@ from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.channel.candidate_list import COUNTS, FOUND, FULL, LISTED, CandidateList
 from mmw.kernels.channel.image_method import FoundPaths, PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
@@ -68,6 +69,19 @@ def find_listed(
         for name, count in needed.items():  # half as much again, for the next batches
             if count > _room(search, name):
                 table.sizes[_name(search, name)] = -(-3 * count // (2 * max(links, 1)))
+
+
+def joined(candidates: Iterable[Candidates]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Yield candidates of the host in few tables of bounded size, with whether each has planes: every table costs
+    launches and transfers, however small it is."""
+    parts = list(candidates)
+    if not parts:
+        return
+    is_plane = np.concatenate([np.full(len(link), is_plane) for link, _, is_plane in parts])
+    links, steps = (np.concatenate([part[k] for part in parts]) for k in range(2))
+    for begin in range(0, len(links), CANDIDATES_AT_ONCE):
+        part = slice(begin, begin + CANDIDATES_AT_ONCE)
+        yield links[part], steps[part], is_plane[part]
 
 
 def refine_given(
@@ -149,33 +163,26 @@ def _refine(
         candidates.step, candidates.image, _, candidates.offset = scratch.arrays[:4]
         candidates.point, candidates.normal = touched
         candidates.is_curved = True
-    wp.launch(
-        refine_kernel,
-        dim=(count, thread_spread(device, count)),
-        inputs=[
-            table.scene_struct(scene),
-            search.forward.ends,
-            table.device,
-            table.wedges.device,
-            search.pose,
-            search.outlines,
-            _vector(*scene.origin.tolist()),
-            listed,
-            given,
-            sights,
-            begin,
-            config.max_depth if config.refraction else 0,
-            candidates,
-            scratch.struct(HitBuffers, *5 * (None,), "kind", "surface", "vertex", "normal"),
-        ],
-        outputs=[
-            out.arrays[0],
-            out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
-            out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
-        ],
-        device=device,
-        block_dim=64,
-    )
+    arguments = [
+        table.scene_struct(scene),
+        search.forward.ends,
+        table.device,
+        table.wedges.device,
+        search.pose,
+        search.outlines,
+        _vector(*scene.origin.tolist()),
+        listed,
+        given,
+        sights,
+        begin,
+        config.max_depth if config.refraction else 0,
+        candidates,
+        scratch.struct(HitBuffers, *5 * (None,), "kind", "surface", "vertex", "normal"),
+        out.arrays[0],
+        out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
+        out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
+    ]
+    launch_again(refine_kernel, (count, thread_spread(device, count)), arguments, device, block_dim=64)
 
 
 @cache

@@ -10,6 +10,7 @@ import warp as wp
 from mmw.channel.path_solver.search import Search, Sources
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.channel.candidate_list import COUNTS, FULL
 from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
 
@@ -170,28 +171,26 @@ def launch_rays(
         counts.zero_()
     batch_indices, origins = search.upload((batch_index, wp.int32), (origin, wp.vec3)).arrays
     for passes in patterns:
-        wp.launch(
-            launch_kernel,
-            dim=(len(batch_index), row_count * stride),
-            inputs=[
-                table.scene_struct(search.scene),
-                batch_indices,
-                origins,
-                table.device.plane,
-                table.device.is_slab,
-                rays,
-                stride,
-                row_count,
-                depth,
-                passes,
-            ],
-            outputs=[is_hit, keys, counts],
-            device=device,
-            block_dim=64,
-        )
+        arguments = [
+            table.scene_struct(search.scene),
+            batch_indices,
+            origins,
+            table.device.plane,
+            table.device.is_slab,
+            rays,
+            stride,
+            row_count,
+            depth,
+            passes,
+            is_hit,
+            keys,
+            counts,
+        ]
+        launch_again(launch_kernel, (len(batch_index), row_count * stride), arguments, device, block_dim=64)
     return is_hit, keys, counts
 
 
+@cache
 def neighbor_stride(ray_count: int) -> int:
     """Return the Fibonacci number F that makes rays i and i + F of the lattice close neighbors.
 

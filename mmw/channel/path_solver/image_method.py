@@ -8,7 +8,7 @@ import warp as wp
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import diffracted_candidates, lists_reflections, reflected_candidates
-from mmw.channel.path_solver.candidate_list import CANDIDATES_AT_ONCE, Listed, find_listed, refine_given
+from mmw.channel.path_solver.candidate_list import Listed, find_listed, joined, refine_given
 from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, selected_pairs
 from mmw.channel.path_solver.curved_candidates import (
     curved_candidates,
@@ -53,8 +53,8 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
             search, sights, lists_reflections(search), lambda listed: list(_candidates(search, is_pair, listed))
         )
         found.append(_of_mirrors(table, listed))
-        for link, step, is_plane in _joined(_at_mirrors(table, others)):
-            found.append(_of_mirrors(table, refine_given(search, link, step, is_plane)[0]))
+        for part in joined(_at_mirrors(table, others)):
+            found.append(_of_mirrors(table, refine_given(search, *part)[0]))
         if table.curved is not None and config.specular_reflection and config.max_depth > 0:
             found += list(_curved_paths(search, table.curved))
         if config.diffuse_reflection and len(table):
@@ -130,19 +130,6 @@ def _of_mirrors(table: SurfaceTable, paths: TracedPaths) -> TracedPaths:
     is_specular = paths.kind == SPECULAR
     is_other = is_specular & ~table.is_mirror[np.where(is_specular, paths.surface, 0)]
     return paths.take(np.flatnonzero(~is_other.any(axis=1)))
-
-
-def _joined(candidates: Iterator[Candidates]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Yield candidates in fewer tables of bounded size, with whether each has planes: each costs launches and transfers,
-    however small it is."""
-    parts = list(candidates)
-    if not parts:
-        return
-    is_plane = np.concatenate([np.full(len(link), is_plane) for link, _, is_plane in parts])
-    links, steps = (np.concatenate([part[k] for part in parts]) for k in range(2))
-    for begin in range(0, len(links), CANDIDATES_AT_ONCE):
-        part = slice(begin, begin + CANDIDATES_AT_ONCE)
-        yield links[part], steps[part], is_plane[part]
 
 
 def _shared_reflections(search: Search, is_pair: np.ndarray, listed: Listed) -> Iterator[Candidates]:

@@ -6,8 +6,14 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mmw.channel.links import make_links
-from mmw.channel.path_solver import candidate_output, candidates, mirrored_patches, patch_rays, scatter_paths
-from mmw.channel.path_solver import image_method as finder
+from mmw.channel.path_solver import (
+    candidate_list,
+    candidate_output,
+    candidates,
+    mirrored_patches,
+    patch_rays,
+    scatter_paths,
+)
 from mmw.channel.path_solver.found_geometry import found_geometry
 from mmw.channel.path_solver.solver import solve_paths, trace_links
 from mmw.channel.path_solver.surface_table import make_surface_table
@@ -247,19 +253,20 @@ def test_sizes_of_the_work_do_not_change_a_bit(
     scene = loaded(arrays, device, [0, 1])
     links, table = make_links(arrays, [0, 1], config), make_surface_table(scene, **config.surface_options)
     paths = solve_paths(scene, links, config, arrays.materials, table)
-    grown = dict(table.sizes)
     again = solve_paths(scene, links, config, arrays.materials, table)
     table.sizes.clear()
     monkeypatch.setattr(candidate_output, "FIRST_PAIRS", 1)
     monkeypatch.setattr(candidates, "FIRST_CELLS", 1)
     monkeypatch.setattr(candidates, "CELLS_AT_ONCE", {"cpu": 512, "cuda": 512})
-    monkeypatch.setattr(finder, "CANDIDATES_AT_ONCE", 7)
+    monkeypatch.setattr(candidate_list, "CANDIDATES_AT_ONCE", 7)
+    monkeypatch.setattr(candidate_list, "FIRST_ROOM", {"candidates": (1, 3), "paths": (1, 3)})
     monkeypatch.setattr(patch_rays, "HITS_AT_ONCE", 1)
     monkeypatch.setattr(scatter_paths, "ROWS_AT_ONCE", 97)
     monkeypatch.setattr(mirrored_patches, "PAIRS_AT_ONCE", 997)
     small = solve_paths(scene, links, config, arrays.materials, table)
     if mode == "launch":
-        assert grown and table.sizes.keys() >= grown.keys() and table.sizes != grown
+        grown = [name for name in table.sizes if name.startswith(("cells", "candidates", "paths"))]
+        assert len(grown) >= 2, table.sizes
         monkeypatch.setattr(candidates, "PAIRS_AT_ONCE", 1)
         monkeypatch.setattr(candidates, "RAYS_AT_ONCE", 1)
     one_by_one = solve_paths(scene, links, config, arrays.materials, table)
