@@ -88,57 +88,50 @@ def path_geometry(
         edge: Unit vectors along the edge of each diffraction, anything elsewhere, shape [P, D, 3].
     """
     count, depth = interaction.shape
-    order = (interaction != 0).sum(axis=1)
-    direction, segment_length = np.empty((count, depth + 1, 3)), np.zeros((count, depth + 1))
-    before = tx
-    for k in range(depth + 1):
-        is_last, is_segment = k == order, k <= order
-        at = vertex[:, k] if k < depth else rx
-        at = np.where(is_last[:, None], rx, at)
-        at = np.where(is_segment[:, None], at, before)
-        span = at - before
-        segment_length[:, k] = norm(span)
-        unit = span / np.where(segment_length[:, k] > 0.0, segment_length[:, k], 1.0)[:, None]
-        direction[:, k] = np.where(is_segment[:, None], unit, direction[:, k - 1] if k else unit)
-        before = at
-    theta_t, phi_t = direction_angles(direction[:, 0])
-    theta_r, phi_r = direction_angles(-direction[:, -1])
-    outgoing = _pair(*spherical_basis(theta_t, phi_t))
-    end_basis = _pair(*spherical_basis(theta_r, phi_r))
-    turn, cosine = np.empty((count, depth + 1, 2, 2)), np.ones((count, depth))
-    incoming = np.zeros((count, depth, 2, 3))
-    for k in range(depth):
-        kind = interaction[:, k]
-        into, out, cosine[:, k] = _bases(direction[:, k], direction[:, k + 1], kind, normal[:, k], edge[:, k])
-        into = np.where((kind == 0)[:, None, None], end_basis, into)
-        turn[:, k] = np.where((k > order)[:, None, None], np.eye(2), _turn(into, outgoing))
-        incoming[:, k], outgoing = into, np.where((kind == 0)[:, None, None], end_basis, out)
-    turn[:, depth] = np.where((depth > order)[:, None, None], np.eye(2), _turn(end_basis, outgoing))
-    angles = theta_t, phi_t, theta_r, phi_r
-    return PathGeometry(interaction, direction, segment_length, cosine, incoming, turn, *angles)
-
-
-def _turn(into: np.ndarray, out: np.ndarray) -> np.ndarray:
-    """Return the matrix from components in `out` to components in `into`, shapes [P, 2, 3] -> [P, 2, 2]."""
-    return dot(into[:, :, None], out[:, None, :])
+    order = (interaction != 0).sum(axis=1)[:, None]
+    column = np.arange(depth + 1)
+    points = np.empty((count, depth + 2, 3))
+    points[:, 0], points[:, -1] = tx, rx
+    points[:, 1:-1] = np.where((column[:-1] < order)[..., None], vertex, rx[:, None])
+    span = points[:, 1:] - points[:, :-1]
+    segment_length = norm(span)
+    unit = span / np.where(segment_length > 0.0, segment_length, 1.0)[..., None]
+    direction = unit[np.arange(count)[:, None], np.minimum(column, order)]
+    ends = np.empty((2, count, 3))
+    ends[0], ends[1] = direction[:, 0], -direction[:, -1]
+    theta, phi = direction_angles(ends)
+    basis = _pair(*spherical_basis(theta, phi))
+    into, out = np.empty((2, count, depth + 1, 2, 3))
+    incoming, outgoing, cosine = _bases(direction[:, :-1], direction[:, 1:], interaction, normal, edge)
+    is_none = (interaction == 0)[..., None, None]
+    into[:, :-1], out[:, 1:] = (
+        np.where(is_none, basis[1, :, None], incoming),
+        np.where(is_none, basis[1, :, None], outgoing),
+    )
+    into[:, -1], out[:, 0] = basis[1], basis[0]
+    turn = dot(into[..., :, None, :], out[..., None, :, :])
+    turn[column > order] = np.eye(2)
+    return PathGeometry(
+        interaction, direction, segment_length, cosine, into[:, :-1], turn, theta[0], phi[0], theta[1], phi[1]
+    )
 
 
 def _bases(
     k_in: np.ndarray, k_out: np.ndarray, kind: np.ndarray, normal: np.ndarray, edge: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the basis of the incoming and of the outgoing wave, shape [P, 2, 3] each, and the cosine of incidence."""
-    is_plane = (kind == SPECULAR) | (kind == TRANSMISSION)
-    is_rough, is_edge = kind == DIFFUSE, kind == DIFFRACTION
-    has_normal = is_plane | is_rough
-    facing = np.where(has_normal[:, None], normal, [0.0, 0.0, 1.0])
+    """Return the basis of the incoming and of the outgoing wave, shape [..., 2, 3] each, and the cosine of incidence,
+    shape [...], of interactions."""
+    kinds = np.bitwise_or.reduce(kind, axis=None)  # their numbers are bits
+    has_normal = (kind & (SPECULAR | TRANSMISSION | DIFFUSE)) != 0
+    facing = np.where(has_normal[..., None], normal, [0.0, 0.0, 1.0])
     axis = out_axis = perpendicular(k_in, facing)
-    if is_edge.any():
-        edges = is_edge[:, None]
+    if kinds & DIFFRACTION:
+        edges = (kind == DIFFRACTION)[..., None]
         axis = np.where(edges, perpendicular(k_in, edge), axis)
         out_axis = np.where(edges, -perpendicular(k_out, edge), axis)
     into, out = _pair(axis, cross(k_in, axis)), _pair(out_axis, cross(k_out, out_axis))
-    if is_rough.any():
-        rough = is_rough[:, None, None]
+    if kinds & DIFFUSE:
+        rough = (kind == DIFFUSE)[..., None, None]
         into = np.where(rough, _pair(*spherical_basis(*direction_angles(k_in))), into)
         out = np.where(rough, _pair(*spherical_basis(*direction_angles(k_out))), out)
     cosine = np.where(has_normal, np.minimum(np.abs(dot(k_in, facing)), 1.0), 1.0)
@@ -146,20 +139,22 @@ def _bases(
 
 
 def _pair(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return two vectors of each path in one array, shape [P, 3] each -> [P, 2, 3]."""
-    out = np.empty((len(first), 2, 3))
-    out[:, 0], out[:, 1] = first, second
+    """Return two vectors in one array, shape [..., 3] each -> [..., 2, 3]."""
+    out = np.empty((*first.shape[:-1], 2, 3))
+    out[..., 0, :], out[..., 1, :] = first, second
     return out
 
 
 def perpendicular(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [P, 3]."""
+    """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [..., 3]."""
     axis = cross(direction, normal)
-    is_normal = dot(axis, axis) < 1e-12
+    square = dot(axis, axis)
+    is_normal = square < 1e-12
     if is_normal.any():
-        other = np.where(np.abs(direction[:, :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        axis = np.where(is_normal[:, None], cross(direction, other), axis)
-    return axis / norm(axis)[:, None]
+        other = np.where(np.abs(direction[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        axis = np.where(is_normal[..., None], cross(direction, other), axis)
+        square = dot(axis, axis)
+    return axis / np.sqrt(square)[..., None]
 
 
 def plane_matrices(geometry: PathGeometry, material_id: np.ndarray, response: SurfaceResponse) -> np.ndarray:
@@ -167,24 +162,26 @@ def plane_matrices(geometry: PathGeometry, material_id: np.ndarray, response: Su
 
     Args:
         geometry: The paths.
-        material_id: Material at each interaction, shape [P, D]; ignored where there is none.
-        response: The materials at the carrier. Scattering leaves a share for the reflected field.
+        material_id: Material at each interaction and carrier, shape [C, P, D]; ignored where there is none.
+        response: The materials. Scattering leaves a share for the reflected field.
 
     Returns:
-        Shape [P, D, 2, 2], complex128, in the bases of `geometry`.
+        Shape [C, P, D, 2, 2], complex128, in the bases of `geometry`.
 
     Source: ITU-R P.2040-4, equations 37, 43, 44; S after V. Degli-Esposti et al., IEEE Trans. AP 55(1), 2007.
     """
-    kind = geometry.interaction
-    matrices = np.zeros((*kind.shape, 2, 2), dtype=np.complex128)
-    matrices[kind == 0] = np.eye(2)
+    kind, carriers = geometry.interaction, len(material_id)
+    matrices = np.zeros((*material_id.shape, 2, 2), dtype=np.complex128)
+    matrices[:, kind == 0] = np.eye(2)
     for code, coefficients in ((SPECULAR, response.reflection), (TRANSMISSION, response.transmission)):
-        at = np.nonzero(kind == code)
-        if not len(at[0]):
+        path, step = np.nonzero(kind == code)
+        if not len(path):
             continue
-        te, tm = coefficients(material_id[at], geometry.cosine[at])
-        specular_share = response.specular_share(material_id[at], geometry.cosine[at]) if code == SPECULAR else 1.0
-        matrices[(*at, 0, 0)], matrices[(*at, 1, 1)] = te * specular_share, tm * specular_share
+        material, cosine = material_id[:, path, step].ravel(), np.tile(geometry.cosine[path, step], carriers)
+        pair = coefficients(material, cosine)
+        share = response.specular_share(material, cosine) if code == SPECULAR else 1.0
+        for row, values in enumerate(pair):
+            matrices[:, path, step, row, row] = (values * share).reshape(carriers, -1)
     return matrices
 
 
@@ -192,39 +189,34 @@ def polarimetric_transfer(
     geometry: PathGeometry,
     matrices: np.ndarray,
     spreading: np.ndarray,
-    carrier_hz: float,
+    carriers_hz: np.ndarray,
     attenuate: Callable[[int, np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
     """Return the 2x2 transfer of every path: receive by transmit component in the (theta, phi) basis.
 
     Args:
         geometry: The paths.
-        matrices: Matrix of each interaction, shape [P, D, 2, 2].
+        matrices: Matrix of each interaction at each carrier, shape [C, P, D, 2, 2].
         spreading: Spreading factor, 1 / length for image theory [1/m], shape [P].
-        carrier_hz: Carrier frequency [Hz].
-        attenuate: Function of the number of an interaction and the field that arrives there, [P, 2, 2], that returns a
-            factor for each column, [P, 2]; see
-            `mmw.physics.em.scattering.rough_columns`.
+        carriers_hz: Carrier frequencies [Hz], shape [C].
+        attenuate: Function of the number of an interaction and the field that arrives there, [C, P, 2, 2], that returns
+            a factor for each column, [C, P, 2]; see `mmw.physics.em.scattering.rough_columns`.
 
     Returns:
-        lambda / (4 pi) times spreading times the polarization matrix, without carrier phase, [P, 2, 2], complex128.
+        lambda / (4 pi) times spreading times the polarization matrix, without carrier phase, [C, P, 2, 2], complex128.
     """
-    total = geometry.turn[:, 0].astype(np.complex128)
-    for k in range(matrices.shape[1]):
+    total = np.broadcast_to(geometry.turn[:, 0], (len(matrices), *geometry.turn[:, 0].shape)).astype(np.complex128)
+    for k in range(matrices.shape[2]):
         if attenuate is not None:
-            total = total * attenuate(k, total)[:, None, :]
-        total = times(geometry.turn[:, k + 1], times(matrices[:, k], total))
-    scale = SPEED_OF_LIGHT / carrier_hz / (4.0 * np.pi) * spreading
-    return scale[:, None, None] * total
+            total = total * attenuate(k, total)[..., None, :]
+        total = times(geometry.turn[:, k + 1], times(matrices[:, :, k], total))
+    scale = (SPEED_OF_LIGHT / carriers_hz / (4.0 * np.pi))[:, None] * spreading
+    return scale[..., None, None] * total
 
 
 def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the products of 2x2 matrices, shape [P, 2, 2] each, written out so that rows do not depend on others."""
-    out = np.empty(b.shape, dtype=np.result_type(a, b))
-    for i in range(2):
-        for j in range(2):
-            out[:, i, j] = a[:, i, 0] * b[:, 0, j] + a[:, i, 1] * b[:, 1, j]
-    return out
+    """Return the products of 2x2 matrices, shape [..., 2, 2] each, written out so that rows do not depend on others."""
+    return a[..., :, 0, None] * b[..., None, 0, :] + a[..., :, 1, None] * b[..., None, 1, :]
 
 
 def combine(receive: np.ndarray, transfer: np.ndarray, transmit: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ numbers would underflow."""
 
 
 def reflection(
-    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float
+    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the reflection coefficients perpendicular (TE) and parallel (TM) to the plane of incidence.
 
@@ -19,7 +19,7 @@ def reflection(
             a perfect conductor, r_TE = -1 and r_TM = +1 exactly; 1 reflects exactly 0.
         cosine: Cosine of the angle between ray and normal, 0 to 1, shape [P].
         thickness: Slab thickness [m], shape [P]; 0 means a half-space.
-        carrier_hz: Carrier frequency [Hz].
+        carrier_hz: Carrier frequency [Hz], one or shape [P].
 
     Returns:
         Coefficients for e^{+jwt}, shape [P] each. At normal incidence r_TM = -r_TE.
@@ -33,7 +33,7 @@ def reflection(
 
 
 def transmission(
-    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float
+    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the transmission coefficients of a slab with air on both sides, for both polarizations.
 
@@ -44,7 +44,7 @@ def transmission(
         permittivity: Complex relative permittivity, shape [P]; infinite (a perfect conductor) lets nothing through.
         cosine: Cosine of the angle between ray and normal, 0 to 1, shape [P].
         thickness: Slab thickness [m], shape [P]; 0 means a half-space, which lets nothing through.
-        carrier_hz: Carrier frequency [Hz].
+        carrier_hz: Carrier frequency [Hz], one or shape [P].
 
     Returns:
         Coefficients t_TE and t_TM for e^{+jwt}, shape [P] each; 0 where nothing comes through.
@@ -57,7 +57,7 @@ def transmission(
 
 
 def _slab(
-    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float
+    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float | np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
     """Return where the surface is a perfect conductor, e^{-jq} of one crossing, and (r, 1 - r^2) of TE and of TM.
 

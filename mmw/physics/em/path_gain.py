@@ -23,7 +23,7 @@ from mmw.physics.em.scattering import (
     rough_spreading,
 )
 from mmw.physics.em.surface_response import SurfaceResponse
-from mmw.physics.materials.material import Material, RadioMaterial
+from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
 
 Hits = TypeVar("Hits", WedgeHits, ScatteringPoints)
@@ -103,50 +103,55 @@ def path_transfer(
     Raises:
         InputError: If a material on a path has no permittivity at a carrier.
     """
-    used = np.unique(
-        np.concatenate([interactions.material_id[interactions.material_id >= 0], interactions.wedge_material.ravel()])
-    )
-    permittivity = permittivity_table(materials, carriers_hz, used)
-    radios = _radios(materials)
-    row = np.where(interactions.material_id >= 0, interactions.material_id, 0)
+    ids = interactions.material_id
+    is_used = np.bincount(ids.ravel() + 1, minlength=len(materials) + 1)[1:]
+    if len(interactions.wedge_material):
+        is_used += np.bincount(interactions.wedge_material.ravel(), minlength=len(materials))
+    together, by_carrier = _responses(materials, carriers_hz, tuple(np.flatnonzero(is_used).tolist()))
+    row = np.maximum(ids, 0) + len(materials) * np.arange(len(carriers_hz))[:, None, None]
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
-    if terms is None:
-        terms = wedge_terms_of(geometry, interactions, carriers_hz, model)
-    amplitude = own = cosine = np.zeros(0)
+    matrices = plane_matrices(geometry, row, together)
     if has_wedges:
-        spreading[interactions.wedges.path] = wedge_spreading(geometry, interactions.wedges)
+        hits = interactions.wedges
+        if terms is None:
+            terms = wedge_terms_of(geometry, interactions, carriers_hz, model)
+        spreading[hits.path] = wedge_spreading(geometry, hits)
+        for own, term, response in zip(matrices, terms, by_carrier, strict=True):
+            own[hits.path, hits.step] = wedge_matrices(
+                geometry, hits, term, interactions.wedge_material, response, model
+            )
+    attenuate = None
     if has_rough:
-        path, factor = rough_spreading(geometry, interactions.rough)
+        hits = interactions.rough
+        path, factor = rough_spreading(geometry, hits)
         spreading[path] = factor
-        at = interactions.rough.path, interactions.rough.step
-        own, cosine = interactions.material_id[at], geometry.cosine[at]
-        amplitude = rough_amplitude(geometry, interactions.rough, materials, own)
-    out = np.zeros((len(spreading), len(carriers_hz), 2, 2), dtype=np.complex128)
-    for column, carrier in enumerate(carriers_hz):
-        response = SurfaceResponse(radios, permittivity[:, column], carrier)
-        matrices = plane_matrices(geometry, row, response)
-        if has_wedges:
-            matrices[interactions.wedges.path, interactions.wedges.step] = wedge_matrices(
-                geometry,
-                interactions.wedges,
-                terms[column],
-                interactions.wedge_material,
-                response,
-                model,
-            )
-        scale = None
-        if has_rough:
-            share = response.diffuse_share(own, cosine)
-            matrices[interactions.rough.path, interactions.rough.step] = rough_matrices(
-                amplitude, share, materials, own
-            )
-            scale = rough_columns(geometry, interactions.rough, own, response)
-        out[:, column] = polarimetric_transfer(geometry, matrices, spreading, carrier, scale)
-    return out
+        material, cosine = ids[hits.path, hits.step], geometry.cosine[hits.path, hits.step]
+        amplitude = rough_amplitude(geometry, hits, materials, material)
+        columns = []
+        for own, response in zip(matrices, by_carrier, strict=True):
+            share = response.diffuse_share(material, cosine)
+            own[hits.path, hits.step] = rough_matrices(amplitude, share, materials, material)
+            columns.append(rough_columns(geometry, hits, material, response))
+
+        def attenuate(step: int, field: np.ndarray) -> np.ndarray:
+            return np.stack([column(step, own) for column, own in zip(columns, field, strict=True)])
+
+    transfer = polarimetric_transfer(geometry, matrices, spreading, np.array(carriers_hz), attenuate)
+    return np.ascontiguousarray(transfer.swapaxes(0, 1))
 
 
-@remembered(size=64)
-def _radios(materials: tuple[Material, ...]) -> tuple[RadioMaterial, ...]:
-    """Return the radio descriptions of materials, the same object for the same materials."""
-    return tuple(material.radio for material in materials)
+@remembered(size=256)
+def _responses(
+    materials: tuple[Material, ...], carriers_hz: tuple[float, ...], used: tuple[int, ...]
+) -> tuple[SurfaceResponse, tuple[SurfaceResponse, ...]]:
+    """Return the response of all materials at all carriers, material m at carrier c as m + c M, and those at each.
+
+    Raises:
+        InputError: If a used material has no permittivity at a carrier.
+    """
+    permittivity = permittivity_table(materials, carriers_hz, used)
+    radios = tuple(material.radio for material in materials)
+    by_carrier = tuple(SurfaceResponse(radios, permittivity[:, c], f) for c, f in enumerate(carriers_hz))
+    carriers = np.repeat(np.array(carriers_hz), len(radios))
+    return SurfaceResponse(radios * len(carriers_hz), permittivity.T.ravel(), carriers), by_carrier

@@ -1,4 +1,4 @@
-"""Answer how materials reflect, transmit and scatter at one carrier: the one place that reads their radio description.
+"""Answer how materials reflect, transmit and scatter at a carrier: the one place that reads their radio description.
 
 Rough surfaces: heights with a Gaussian distribution of standard deviation s weaken the mirror reflection by
 rho = exp(-8 (pi s cos / lambda)^2). With the scattering coefficient S, the mirror keeps (1 - S^2) rho^2 of the
@@ -24,17 +24,18 @@ from mmw.physics.materials.permittivity import layer_permittivities, relative_pe
 
 
 class SurfaceResponse:
-    """Coefficients of materials at one carrier.
+    """Coefficients of materials, each at one carrier.
 
     Args:
         radios: Radio descriptions by id.
         permittivity: Their complex relative permittivities at the carrier, shape [M]; NaN where none is asked for.
-        carrier_hz: Carrier frequency [Hz].
+        carrier_hz: Carrier frequency of all or of each [Hz], shape [M].
     """
 
-    def __init__(self, radios: Sequence[RadioMaterial], permittivity: np.ndarray, carrier_hz: float):
+    def __init__(self, radios: Sequence[RadioMaterial], permittivity: np.ndarray, carrier_hz: float | np.ndarray):
         """Prepare the arrays; stacks of layers are made where they are asked for."""
-        self._radios, self._permittivity, self._carrier_hz = tuple(radios), permittivity, carrier_hz
+        self._radios, self._permittivity = tuple(radios), permittivity
+        self._carrier_hz = np.full(len(permittivity), carrier_hz, dtype=np.float64)
         numbers, self._layered = _radio_numbers(self._radios)
         self._thickness, self._scattering, self._rms_height = numbers
 
@@ -45,17 +46,21 @@ class SurfaceResponse:
             material: Ids, shape [P].
             cosine: Cosines of incidence, shape [P].
         """
-        te, tm = reflection(self._permittivity[material], cosine, self._thickness[material], self._carrier_hz)
+        te, tm = reflection(*self._slabs(material, cosine))
         for rows, found in self._stacks(material, cosine):
             te[rows], tm[rows] = found.r_te, found.r_tm
         return te, tm
 
     def transmission(self, material: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the transmission coefficients TE and TM, 0 where nothing comes through, shape of `material` each."""
-        te, tm = transmission(self._permittivity[material], cosine, self._thickness[material], self._carrier_hz)
+        te, tm = transmission(*self._slabs(material, cosine))
         for rows, found in self._stacks(material, cosine):
             te[rows], tm[rows] = found.t_te, found.t_tm
         return te, tm
+
+    def _slabs(self, material: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Return the arguments of `mmw.physics.em.fresnel`."""
+        return self._permittivity[material], cosine, self._thickness[material], self._carrier_hz[material]
 
     def specular_share(self, material: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """Return the share of the reflected amplitude that a mirror keeps, shape of `material`."""
@@ -73,7 +78,7 @@ class SurfaceResponse:
         return np.where(height > 0.0, np.sqrt(1.0 - kept), scattering)
 
     def _coherence(self, material: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        phase = np.pi * self._rms_height[material] * cosine * self._carrier_hz / SPEED_OF_LIGHT
+        phase = np.pi * self._rms_height[material] * cosine * self._carrier_hz[material] / SPEED_OF_LIGHT
         return np.exp(-8.0 * phase**2)
 
     def _stacks(self, material: np.ndarray, cosine: np.ndarray) -> list[tuple[np.ndarray, StackCoefficients]]:
@@ -82,8 +87,9 @@ class SurfaceResponse:
         for index in self._layered:
             rows = np.nonzero(material == index)[0]
             if len(rows):
-                layers = radio_stack(self._radios[index], complex(self._permittivity[index]), self._carrier_hz)
-                found.append((rows, stack_coefficients(layers, cosine[rows], self._carrier_hz)))
+                carrier = float(self._carrier_hz[index])
+                layers = radio_stack(self._radios[index], complex(self._permittivity[index]), carrier)
+                found.append((rows, stack_coefficients(layers, cosine[rows], carrier)))
         return found
 
 

@@ -22,12 +22,14 @@ def stacked(x: np.ndarray, y: np.ndarray, z: np.ndarray | float) -> np.ndarray:
 
 def rotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
-    return stacked(*(dot(rotation[..., i, :], vector) for i in range(3)))
+    x, y, z = vector[..., None, 0], vector[..., None, 1], vector[..., None, 2]
+    return rotation[..., :, 0] * x + rotation[..., :, 1] * y + rotation[..., :, 2] * z
 
 
 def unrotate(rotation: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """Return the transpose of `rotation` times `vector`, shapes [..., 3, 3] and [..., 3]."""
-    return stacked(*(dot(rotation[..., :, i], vector) for i in range(3)))
+    x, y, z = vector[..., None, 0], vector[..., None, 1], vector[..., None, 2]
+    return rotation[..., 0, :] * x + rotation[..., 1, :] * y + rotation[..., 2, :] * z
 
 
 def direction_angles(direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
