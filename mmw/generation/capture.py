@@ -127,7 +127,7 @@ def trace_channel(batch: Batch, surfaces: SurfaceTable, links: Links, weathers: 
     with batch.clock.stage("channel"):
         materials = {weather: batch.arrays.materials[weather] for weather in weathers}
         air = {weather: batch.weather(weather) for weather in materials}
-        paths = solve_paths(batch.scene, links, config, materials, surfaces, air)
+        paths = solve_paths(batch.scene, links, config, materials, surfaces, air, motion=batch.motion)
     batch.clock.rays["channel"] += launched_rays(links, config)
     return paths
 

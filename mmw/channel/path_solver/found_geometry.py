@@ -5,7 +5,7 @@ import numpy as np
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.core.kinematics import differentiate_rows
+from mmw.core.kinematics import Motion, differentiate_rows
 from mmw.core.transforms import rotate
 from mmw.physics.em.diffraction import WedgeHits
 from mmw.physics.em.field import PathGeometry, path_geometry
@@ -18,21 +18,24 @@ from mmw.physics.em.vectors import dot, norm
 def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, Interactions]:
     """Return the geometry of found paths, and their interactions."""
     links, table = search.links, search.table
-    wedges = _wedge_hits(search, found)
-    edge = np.zeros_like(found.vertex)
-    edge[wedges.path, wedges.step] = wedges.edge
     tx, rx = links.tx.position[found.link], links.rx.position[found.link]
-    geometry = path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge)
-    path, step = np.nonzero(found.kind == DIFFUSE)
-    rough = ScatteringPoints(path, step, found.normal[path, step], found.solid_angle[path], found.ray[path] < -1)
-    wedge = found.surface[wedges.path, wedges.step]
-    sides = np.stack([table.wedges.surface_0[wedge], table.wedges.surface_n[wedge]], axis=1).reshape(-1, 2)
+    wedges, rough, edge = _NO_WEDGES, _NO_ROUGH, found.normal
+    sides = np.zeros((0, 2), dtype=np.int32)
+    if found.kinds & DIFFRACTION:
+        wedges = _wedge_hits(search, found)
+        edge = np.zeros_like(found.vertex)
+        edge[wedges.path, wedges.step] = wedges.edge
+        wedge = found.surface[wedges.path, wedges.step]
+        sides = np.stack([table.wedges.surface_0[wedge], table.wedges.surface_n[wedge]], axis=1)
+    if found.kinds & DIFFUSE:
+        path, step = np.nonzero(found.kind == DIFFUSE)
+        rough = ScatteringPoints(path, step, found.normal[path, step], found.solid_angle[path], found.ray[path] < -1)
     width = None
     if table.outlines is not None:
         width = table.outlines.width[table.outlines.of_plane[table.plane[sides]]]
         if table.curved is not None:
             width[table.curved.is_curved[sides]] = np.inf  # a facet is no mirror of its own
-    return geometry, Interactions(
+    return path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge), Interactions(
         material_id=gather(table.material_id, first_faces(found, table), found.kind != 0),
         wedges=wedges,
         wedge_material=table.material_id[sides],
@@ -41,10 +44,12 @@ def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, In
     )
 
 
+_NO_WEDGES = WedgeHits(*np.zeros((2, 0), dtype=np.int64), *np.zeros((4, 0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+_NO_ROUGH = ScatteringPoints(*np.zeros((2, 0), dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+
+
 def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     path, step = np.nonzero(found.kind == DIFFRACTION)
-    if not len(path):
-        return WedgeHits(path, step, *np.zeros((4, 0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
     wedge, wedges = found.surface[path, step], search.table.wedges
     begin = wedges.begin[wedge]
     vectors = [wedges.end[wedge] - begin, *(v[wedge] for v in (wedges.normal_0, wedges.normal_n, wedges.away)), begin]
@@ -61,8 +66,12 @@ def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     return WedgeHits(path, step, edge, *normals, at, wedges.is_curved[wedge])
 
 
-def range_rates(search: Search, found: TracedPaths, geometry: PathGeometry) -> np.ndarray:
+def range_rates(
+    search: Search, found: TracedPaths, geometry: PathGeometry, motion: Motion | None = None
+) -> np.ndarray:
     """Return d(length)/dt of each path [m/s] from the velocities of both ends and of every vertex, shape [P].
+
+    `motion` has the derivatives of all poses of the scene, if they are known.
 
     Source: first-order Doppler, Sionna RT 2.2 technical report; the bodies are rigid, so the velocity of a point is
     v + w x r.
@@ -72,12 +81,11 @@ def range_rates(search: Search, found: TracedPaths, geometry: PathGeometry) -> n
     rate -= dot(links.rx.velocity[found.link], geometry.arrival)
     if not len(table) or not len(scene.instance_actor):
         return rate
-    is_there = found.kind != 0
-    owner = gather(table.owner, first_faces(found, table), is_there)
-    path, step = np.nonzero(owner >= 0)
+    owner = gather(table.owner, first_faces(found, table), found.kind != 0)
+    path, step = (owner >= 0).nonzero()
     if len(path):
         rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
-        motion = differentiate_rows(scene.arrays.poses, rows, scene.arrays.pose_dt)
+        motion = differentiate_rows(scene.arrays.poses, rows, scene.arrays.pose_dt, motion)
         batch_index = links.batch_index[found.link[path]]
         actor = scene.instance_actor[owner[path, step]]
         arm = found.vertex[path, step] - scene.arrays.poses[rows[batch_index], actor, :3]
@@ -89,7 +97,7 @@ def range_rates(search: Search, found: TracedPaths, geometry: PathGeometry) -> n
 
 def first_faces(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
     """Return the surface of each interaction, for a diffraction the first face of its wedge, shape [P, D]."""
-    if not len(table.wedges):
+    if not found.kinds & DIFFRACTION:
         return found.surface
     is_diffracted = found.kind == DIFFRACTION
     return np.where(is_diffracted, table.wedges.surface_0[np.where(is_diffracted, found.surface, 0)], found.surface)
@@ -99,4 +107,4 @@ def gather(values: np.ndarray, row: np.ndarray, is_there: np.ndarray) -> np.ndar
     """Return values[row] where there is something, -1 elsewhere, int32."""
     if not len(values):
         return np.full(row.shape, -1, dtype=np.int32)
-    return np.where(is_there, values[np.where(is_there, row, 0)], -1).astype(np.int32)
+    return np.where(is_there, values[row * is_there], np.int32(-1))

@@ -19,6 +19,7 @@ from mmw.channel.paths import PathSet, path_kinds
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
+from mmw.core.kinematics import Motion
 from mmw.core.remember import remembered
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, WedgeTerms, is_lit
 from mmw.physics.em.field import combine
@@ -56,7 +57,13 @@ def _check_permittivity(materials: tuple[Material, ...], used: np.ndarray, carri
 
 
 def trace_links(
-    scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable, *, is_reciprocal: bool = True
+    scene: DeviceScene,
+    links: Links,
+    config: ChannelConfig,
+    table: SurfaceTable,
+    *,
+    is_reciprocal: bool = True,
+    motion: Motion | None = None,
 ) -> Trace:
     """Return the geometry of the paths of links. Neither the batch nor the device changes the set of paths.
 
@@ -66,6 +73,7 @@ def trace_links(
         config: Rays, candidate mode, depth and interactions.
         table: Surfaces of the scene.
         is_reciprocal: Whether a link and its reverse may share one trace; not with different antennas at both ends.
+        motion: Derivatives of all poses of the scene, if they are known.
 
     Raises:
         InputError: If there are too many candidates.
@@ -103,7 +111,7 @@ def trace_links(
         keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
         found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
         share, mixed, curvature = share[keep], mixed.take(keep), curvature[keep]
-    range_rate = range_rates(search, found, geometry)
+    range_rate = range_rates(search, found, geometry, motion)
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
@@ -208,6 +216,7 @@ def solve_paths(
     air: Mapping[str, Weather] | None = None,
     *,
     diffraction_model: DiffractionModel = "utd",
+    motion: Motion | None = None,
 ) -> PathSet:
     """Return the paths of the links, for every weather and carrier: `trace_links`, then `path_gains`.
 
@@ -221,6 +230,7 @@ def solve_paths(
         table: Surfaces of the scene, from `make_surface_table`; made here when not given.
         air: Weather -> state of the air; a weather that is not there has air without losses.
         diffraction_model: Field of a wedge; `sionna` is for comparisons with Sionna RT.
+        motion: Derivatives of all poses of the scene, if they are known.
 
     Returns:
         The paths, sorted by (link, order, kinds, surfaces).
@@ -234,7 +244,7 @@ def solve_paths(
     if table is None:
         table = make_surface_table(scene, **config.surface_options)
     check_channel_materials(materials, table.used_materials, config)
-    trace = trace_links(scene, links, config, table)
+    trace = trace_links(scene, links, config, table, motion=motion)
     elements = configured_elements(config, links)
     return path_gains(trace, config, materials, air, elements, diffraction_model=diffraction_model)
 
@@ -253,11 +263,10 @@ def launched_rays(links: Links, config: ChannelConfig) -> int:
         traced, reverse_of = unique_links(links, config)
         is_pair[reverse_of >= 0] = True
         is_pair[traced[reverse_of[reverse_of >= 0]]] = True
-    ends = np.concatenate([links.batch_index[:, None], links.tx.position], axis=1)  # antennas at one place share rays
-    return sum(
-        len(np.unique(ends[rows], axis=0)) * rays
-        for rows, rays in ((~is_pair, config.samples_per_tx), (is_pair, config.samples_per_tx // 2))
-    )
+    places = zip(links.batch_index.tolist(), map(tuple, links.tx.position.tolist()), strict=True)
+    ends = set(zip(is_pair.tolist(), places, strict=True))  # antennas at one place share rays
+    pairs = sum(is_both for is_both, _ in ends)
+    return (len(ends) - pairs) * config.samples_per_tx + pairs * (config.samples_per_tx // 2)
 
 
 def _gains(
@@ -273,10 +282,11 @@ def _gains(
     links, found, geometry, carriers = trace.search.links, trace.found, trace.geometry, config.carriers_hz
     rotations = links.tx.rotation, links.rx.rotation
     tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
+    many = len(carriers)
+    ends = [np.repeat(field, many, axis=0) for field in (rx_field, tx_field)] if many > 1 else (rx_field, tx_field)
     transfer, a, loss_db = {}, {}, {}
     for weather, by_id in materials.items():
         loss_db[weather] = losses_db(trace, carriers, None if air is None else air.get(weather), elements)
         transfer[weather] = traced_transfer(trace, carriers, by_id, loss_db[weather], diffraction_model, terms)
-        columns = [combine(rx_field, transfer[weather][:, c], tx_field)[:, 0, 0] for c in range(len(carriers))]
-        a[weather] = np.stack(columns, axis=1)
+        a[weather] = combine(ends[0], transfer[weather].reshape(-1, 2, 2), ends[1])[:, 0, 0].reshape(-1, many)
     return transfer, a, loss_db

@@ -1,6 +1,7 @@
 """Hold the geometry of traced paths, and allocate the device buffers that tracing fills."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import warp as wp
@@ -34,6 +35,11 @@ class TracedPaths:
 
     def __len__(self) -> int:
         return len(self.link)
+
+    @cached_property
+    def kinds(self) -> int:
+        """All kinds of interactions that there are: their numbers are bits."""
+        return int(np.bitwise_or.reduce(self.kind, axis=None))
 
     @property
     def columns(self) -> list[np.ndarray]:
