@@ -109,8 +109,7 @@ def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTr
     tree.key, tree.first, tree.plane_count = keys, len(sources) * table.plane_count, table.plane_count
     tree.source, tree.offset = search.scratch((cells,), wp.int32), search.scratch((cells,), wp.float64)
     tree.image, tree.normal = (search.scratch((cells,), wp.vec3d) for _ in range(2))
-    given = (sources.batch_index, wp.int32), (sources.position, wp.vec3d), (sources.first_link, wp.int32)
-    batch_index, tx, tree.first_link = search.upload(*given).arrays
+    batch_index, _, tx, tree.first_link = search.source_arrays(sources)
     for level in range(2, search.config.max_depth + 1):
         wp.launch(
             image_kernel,

@@ -92,9 +92,8 @@ def _first_planes_and_keys(
         keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
         has_keys = keys is not None and len(keys) > 0
         return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
-    origin = sources.position - scene.origin
     if config.max_depth == 1:
-        return launch_rays(search, sources.batch_index, origin, config.samples_per_tx)[0], None
+        return launch_rays(search, sources, config.samples_per_tx, counts=counts)[0], None
     patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
     max_cells = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
     while True:
@@ -107,7 +106,7 @@ def _first_planes_and_keys(
                 f"one transmitter do not fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
             )
         is_hit, keys, own = launch_rays(
-            search, sources.batch_index, origin, config.samples_per_tx, config.max_depth, cells, patterns, counts
+            search, sources, config.samples_per_tx, config.max_depth, cells, patterns, counts
         )
         if counts is not None or not own.numpy()[FULL]:
             return is_hit, keys
@@ -136,8 +135,7 @@ def no_values(device: str, dimensions: int, kind: Any) -> wp.array:
 
 def launch_rays(
     search: Search,
-    batch_index: np.ndarray,
-    origin: np.ndarray,
+    sources: Sources,
     rays: int,
     depth: int = 1,
     cells: int = 1,
@@ -148,8 +146,7 @@ def launch_rays(
 
     Args:
         search: The scene with its batch loaded, and its surfaces.
-        batch_index: Position of each transmitter's frame in the batch, shape [A].
-        origin: Transmitters in the scene frame [m], shape [A, 3].
+        sources: The transmitters.
         rays: Rays of each transmitter, > 1.
         depth: Surfaces that a ray follows.
         cells: Size of the table of candidates, a power of two.
@@ -162,14 +159,14 @@ def launch_rays(
     """
     table, device, stride = search.table, search.scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
-    is_hit = search.scratch((len(batch_index), table.plane_count), wp.uint8)
+    is_hit = search.scratch((len(sources), table.plane_count), wp.uint8)
     keys = search.scratch((cells,), wp.uint64)
     is_hit.zero_()
     keys.zero_()
     if counts is None:
         counts = search.scratch((COUNTS,), wp.int32)
         counts.zero_()
-    batch_indices, origins = search.upload((batch_index, wp.int32), (origin, wp.vec3)).arrays
+    batch_indices, origins, _, _ = search.source_arrays(sources)
     for passes in patterns:
         arguments = [
             table.scene_struct(search.scene),
@@ -186,7 +183,7 @@ def launch_rays(
             keys,
             counts,
         ]
-        launch_again(launch_kernel, (len(batch_index), row_count * stride), arguments, device, block_dim=64)
+        launch_again(launch_kernel, (len(sources), row_count * stride), arguments, device, block_dim=64)
     return is_hit, keys, counts
 
 

@@ -190,30 +190,32 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
     surfaces stays (a marking lies on its road), and the lowest surface ids among equals.
     """
     length = path_lengths(links.tx.position[found.link], links.rx.position[found.link], found)
-    reach = np.nanmax(np.abs(found.vertex - origin), axis=(1, 2), initial=0.0)
+    reach = np.fmax.reduce(np.abs(found.vertex - origin), axis=(1, 2), initial=0.0)  # NaN does not count
     apart = np.maximum(SAME_POINT_M, LIFT.value * (5.0 + reach))
-    is_diffracted = found.kind == DIFFRACTION
-    has_none = is_diffracted | (found.surface < 0)
-    size = np.where(has_none, 0.0, area[np.where(has_none, 0, found.surface)] if len(area) else 0.0).sum(axis=1)
     columns = range(found.kind.shape[1] - 1, -1, -1)  # the last key sorts first
     keys = [found.ray, *(values[:, k] for values in (found.surface, found.kind) for k in columns)]
     rank = np.lexsort((*keys, found.order, found.link))
-    rank_of = np.empty(len(found), dtype=np.int64)
-    rank_of[rank] = np.arange(len(found))
     exact = rank[found.ray[rank] == -1]
     near_rank = exact[np.lexsort((length[exact], found.order[exact], found.link[exact]))]
     dropped = np.zeros(len(found), dtype=bool)
+    size = rank_of = length
     for step in range(1, len(near_rank)):
         one, other = near_rank[:-step], near_rank[step:]
         near = (found.link[one] == found.link[other]) & (found.order[one] == found.order[other])
         near &= (length[other] - length[one] <= 2.0 * apart[one] * found.order[one]) & (found.order[one] > 0)
         if not near.any():
             break
+        if step == 1:  # areas of all surfaces of each path
+            has_none = (found.kind == DIFFRACTION) | (found.surface < 0)
+            size = np.where(has_none, 0.0, area[np.where(has_none, 0, found.surface)] if len(area) else 0.0).sum(axis=1)
+            rank_of = np.empty(len(found), dtype=np.int64)
+            rank_of[rank] = np.arange(len(found))
         one, other = one[near], other[near]
+        is_edge = found.kind[one] == DIFFRACTION
         same = (found.kind[one] == found.kind[other]).all(axis=1)
         same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
         is_bent = np.abs(dot(found.normal[one], found.normal[other])) < SAME_NORMAL_COS
-        same &= ~(is_bent & ~is_diffracted[one]).any(axis=1)  # at a corner two surfaces are near each other
+        same &= ~(is_bent & ~is_edge).any(axis=1)  # at a corner two surfaces are near each other
         one, other = one[same], other[same]
         is_first = np.where(size[one] == size[other], rank_of[one] < rank_of[other], size[one] < size[other])
         dropped[np.where(is_first, other, one)] = True
@@ -222,10 +224,11 @@ def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.
 
 def path_lengths(tx: np.ndarray, rx: np.ndarray, found: TracedPaths) -> np.ndarray:
     """Return the lengths of paths between ends of shape [P, 3], in meters, shape [P]."""
-    length, before = np.zeros(len(found)), tx
-    for k in range(found.kind.shape[1]):
-        is_there = (k < found.order)[:, None]
-        point = np.where(is_there, found.vertex[:, k], before)
-        length += norm(point - before)
-        before = point
-    return length + norm(rx - before)
+    points = np.empty((len(found), found.kind.shape[1] + 2, 3))
+    points[:, 0], points[:, -1] = tx, rx
+    is_there = np.arange(found.kind.shape[1]) < found.order[:, None]
+    points[:, 1:-1] = np.where(is_there[..., None], found.vertex, rx[:, None])
+    total, *parts = norm(points[:, 1:] - points[:, :-1]).T
+    for part in parts:
+        total = total + part
+    return total

@@ -13,7 +13,7 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
 from mmw.core.transfer import scalar_type
-from mmw.core.transforms import invert, make_pose, normalize, transform_points
+from mmw.core.transforms import conjugate, normalize, rotate
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
 
@@ -38,12 +38,16 @@ class Sources:
     """World frame [m], shape [A, 3]."""
     first_link: np.ndarray
     """First link of each source, and the number of links, shape [A + 1], int32."""
+    device: tuple[wp.array, ...] = ()
+    """These arrays on the device, where they are there already, see `Search.source_arrays`."""
 
     def __len__(self) -> int:
         return len(self.batch_index)
 
     def part(self, begin: int, end: int) -> "Sources":
         """Return some of the sources; links keep their numbers."""
+        if begin == 0 and end == len(self):
+            return self
         return Sources(self.batch_index[begin:end], self.position[begin:end], self.first_link[begin : end + 1])
 
 
@@ -77,13 +81,15 @@ class Search:
         """Sort the links and upload the poses; the arguments are the attributes of these names."""
         self.scene, self.links, self.config, self.table = scene, links, config, table
         rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
-        pose = scene.arrays.poses[rows][:, scene.instance_actor]
-        self.host_pose = make_pose(pose[..., :3], normalize(pose[..., 3:]))
+        self.host_pose = scene.arrays.poses[rows][:, scene.instance_actor]
+        self.host_pose[..., 3:] = normalize(self.host_pose[..., 3:])
+        back = conjugate(self.host_pose[..., 3:])
+        self._inverse = back, -rotate(back, self.host_pose[..., :3])
         self._blocks: list[PackedArrays] = []
         self._scratch: list[tuple[tuple[tuple[int, ...], Any], wp.array]] = []
         self.outlines = table.outlines_on_device(scene.device, config.carriers_hz)
-        (self.pose,) = self.upload((self.host_pose, wp.transformd)).arrays
-        self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
+        more = (self.host_pose, wp.transformd)
+        self.forward, (self.pose,) = self._sorted(links.batch_index, links.tx.position, links.rx.position, more)
         self.rank = np.empty(len(links), dtype=np.int32)
         self.rank[self.forward.order] = np.arange(len(links))
 
@@ -147,18 +153,43 @@ class Search:
 
     def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
         """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""
+        return self._sorted(batch_index, tx, rx)[0]
+
+    def _sorted(
+        self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray, *more: tuple[np.ndarray, Any]
+    ) -> tuple[SortedLinks, list[wp.array]]:
+        """Return `sort`, and more arrays that are uploaded together with the ends."""
         order = np.lexsort((tx[:, 2], tx[:, 1], tx[:, 0], batch_index))
         at, of_batch = tx[order], batch_index[order]
         is_first = np.ones(len(order), dtype=bool)
         is_first[1:] = (at[1:] != at[:-1]).any(axis=1) | (of_batch[1:] != of_batch[:-1])
         first_use = np.flatnonzero(is_first)
         first_link = np.append(first_use, len(order)).astype(np.int32)
-        sources = Sources(of_batch[first_use].astype(np.int32), at[first_use], first_link)
+        position = at[first_use]
         instances = self.host_pose.shape[1]
         local = np.empty((2, len(order), instances + 1, 3))
         local[0, :, instances], local[1, :, instances] = at, rx[order]
         if instances:
-            local[:, :, :instances] = transform_points(invert(self.host_pose)[of_batch], local[:, :, instances:])
-        source = np.cumsum(is_first) - 1
-        block = self.upload((of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d))
-        return SortedLinks(order, sources, block.struct(LinkEnds, "batch_index", "source", "tx", "rx"))
+            turn, shift = (values[of_batch] for values in self._inverse)
+            local[:, :, :instances] = rotate(turn, local[:, :, instances:]) + shift
+        source = is_first.cumsum() - 1
+        own = _source_parts(of_batch[first_use], position, first_link, self.scene.origin)
+        parts = (of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d)
+        block = self.upload(*parts, *own, *more)
+        ends = block.struct(LinkEnds, "batch_index", "source", "tx", "rx", *(len(own) + len(more)) * (None,))
+        sources = Sources(own[0][0].astype(np.int32), position, first_link, tuple(block.arrays[4 : 4 + len(own)]))
+        return SortedLinks(order, sources, ends), block.arrays[4 + len(own) :]
+
+    def source_arrays(self, sources: Sources) -> tuple[wp.array, ...]:
+        """Return batch index, position in the scene frame and in the world [m], and first links of sources."""
+        if sources.device:
+            return sources.device
+        own = _source_parts(sources.batch_index, sources.position, sources.first_link, self.scene.origin)
+        return tuple(self.upload(*own).arrays)
+
+
+def _source_parts(
+    batch_index: np.ndarray, position: np.ndarray, first_link: np.ndarray, origin: np.ndarray
+) -> tuple[tuple[np.ndarray, Any], ...]:
+    scene = position - origin
+    return (batch_index, wp.int32), (scene, wp.vec3), (position, wp.vec3d), (first_link, wp.int32)
