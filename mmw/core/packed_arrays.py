@@ -19,8 +19,8 @@ KEPT_BYTES = 1 << 18
 """Largest block that is kept to be borrowed again [bytes]: larger ones cost more to use than to allocate. Design
 value."""
 
-KEPT_SCRATCH_BYTES = 1 << 22
-"""The same for blocks without a host side; design value."""
+KEPT_SCRATCH_BYTES = 1 << 27
+"""The same for blocks without a host side, which are on one device alone; design value."""
 
 KEPT_KINDS = 256
 """Most combinations of device and layouts of which blocks are kept; design value."""

@@ -46,7 +46,7 @@ def reflected_candidates(
     of_surface, of_plane = search.table.mirrors_on_device
     target = no_values(device, 1, wp.int32) if target is None else target
     out = [listed.rows, listed.counts]
-    for part, begin, is_hit, keys in launches(search, links.sources, listed.counts):
+    for part, begin, is_hit, tree in launches(search, links.sources, listed.counts):
         blocks = make_link_blocks(links, part)
         if search.table.outlines is not None:
             yield from _finite_reflections(search, links, part, begin, is_hit)
@@ -57,11 +57,11 @@ def reflected_candidates(
             launch_again(cull_reflections_kernel, shape, [*inputs, *out], device)
         else:
             yield from block_reflections(search, links, part, is_hit, blocks)
-        if keys is not None:
-            tree = _build_tree(search, part, keys)
+        if tree is not None:
+            _build_tree(search, part, tree)
             if blocks is None:
                 inputs = [links.ends, search.table.device, search.pose, tree, of_plane, target]
-                wp.launch(cull_candidates_kernel, dim=tree.key.shape, inputs=inputs, outputs=out, device=device)
+                launch_again(cull_candidates_kernel, tree.key.shape, [*inputs, *out], device)
             else:
                 yield from block_candidates(search, links, part, tree, blocks)
             if backward is not None:
@@ -81,9 +81,9 @@ def lists_reflections(search: Search) -> bool:
 
 def diffracted_candidates(search: Search, links: SortedLinks) -> Iterator[Candidates]:
     """Yield candidates of reflections with a diffraction behind them only; see `reflected_candidates`."""
-    for part, _, _, keys in launches(search, links.sources):
-        if keys is not None:
-            tree = _build_tree(search, part, keys)
+    for part, _, _, tree in launches(search, links.sources):
+        if tree is not None:
+            _build_tree(search, part, tree)
             yield from _with_wedges(search, diffraction_kernel, links, part, tree)
 
 
@@ -102,23 +102,15 @@ def _finite_reflections(
         yield (begin + link).astype(np.int32), step, True
 
 
-def _build_tree(search: Search, sources: Sources, keys: wp.array) -> CandidateTree:
-    """Return the candidates with planes and images of the transmitters."""
-    device, cells, table = keys.device, keys.shape[0], search.table
-    tree = CandidateTree()
-    tree.key, tree.first, tree.plane_count = keys, len(sources) * table.plane_count, table.plane_count
-    tree.source, tree.offset = search.scratch((cells,), wp.int32), search.scratch((cells,), wp.float64)
-    tree.image, tree.normal = (search.scratch((cells,), wp.vec3d) for _ in range(2))
-    batch_index, _, tx, tree.first_link = search.source_arrays(sources)
+def _build_tree(search: Search, sources: Sources, tree: CandidateTree) -> None:
+    """Compute planes and images of the transmitters of the candidates."""
+    batch_index, _, tx, _ = search.source_arrays(sources)
+    inputs, out = (
+        [search.table.device, search.pose, batch_index, tx],
+        [tree.source, tree.image, tree.normal, tree.offset],
+    )
     for level in range(2, search.config.max_depth + 1):
-        wp.launch(
-            image_kernel,
-            dim=cells,
-            inputs=[table.device, search.pose, batch_index, tx, level, tree],
-            outputs=[tree.source, tree.image, tree.normal, tree.offset],
-            device=device,
-        )
-    return tree
+        launch_again(image_kernel, tree.key.shape, [*inputs, level, tree, *out], search.scene.device)
 
 
 def _double_sided(
@@ -133,8 +125,11 @@ def _double_sided(
     receiver = np.searchsorted(backward.sources.first_link, place, side="right") - 1
     used = receiver[sources.first_link[0] : sources.first_link[-1]]  # sorted by frame, as the transmitters are
     low, high = int(used.min()), int(used.max()) + 1
-    for part, begin, _, keys in launches(search, backward.sources.part(low, high)):
-        reverse.tree = _build_tree(search, part, keys)
+    for part, begin, _, reverse_tree in launches(search, backward.sources.part(low, high)):
+        if reverse_tree is None:
+            continue
+        reverse.tree = reverse_tree
+        _build_tree(search, part, reverse_tree)
         key, cell = _by_last_plane(reverse.tree, depth)
         reverse.key = wp.array(key, dtype=wp.int64, device=device)
         reverse.cell = wp.array(cell, dtype=wp.int32, device=device)

@@ -13,6 +13,7 @@ from mmw.core.errors import InputError
 from mmw.core.repeated_launch import launch_again
 from mmw.kernels.channel.candidate_list import COUNTS, FULL
 from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
+from mmw.kernels.channel.reflection_candidates import CandidateTree
 
 PAIRS_AT_ONCE = 2**27
 """Maximum number of (link, surface) or (transmitter, plane) pairs at once: about one byte each on the device."""
@@ -36,7 +37,7 @@ class TableFull(Exception):
 
 def launches(
     search: Search, sources: Sources, counts: wp.array | None = None
-) -> Iterator[tuple[Sources, int, wp.array, wp.array | None]]:
+) -> Iterator[tuple[Sources, int, wp.array, "CandidateTree | None"]]:
     """Yield what the rays of all sources hit, or everything that they could, in parts that fit into memory.
 
     Args:
@@ -47,8 +48,8 @@ def launches(
 
     Yields:
         Some of the sources; the number of the first of them; the planes that are hit first, one byte each, shape [A,
-        K], without rows if all could be hit; and the keys of candidates of two planes and more, shape [N], None if none
-        are wanted.
+        K], without rows if all could be hit; and the candidates of two planes and more, None if none are wanted, of
+        which only keys and first links are there.
 
     Raises:
         InputError: If there are too many candidates to try them all, or to hold them.
@@ -58,7 +59,7 @@ def launches(
         begin, end = pending.pop(0)
         part = sources.part(begin, end)
         try:
-            yield part, begin, *_first_planes_and_keys(search, part, counts)
+            yield part, begin, *_first_planes_and_tree(search, part, counts)
         except TableFull:
             middle = (begin + end) // 2
             pending = [(begin, middle), (middle, end), *pending]
@@ -81,17 +82,19 @@ def _chunks(first_link: np.ndarray, surface_count: int, config: ChannelConfig) -
     return chunks
 
 
-def _first_planes_and_keys(
+def _first_planes_and_tree(
     search: Search, sources: Sources, counts: wp.array | None
-) -> tuple[wp.array, wp.array | None]:
-    """Return the first planes, one byte each, shape [A, K] or [0, 0] for all, and the keys of longer candidates, shape
-    [N], if wanted."""
+) -> "tuple[wp.array, CandidateTree | None]":
+    """Return the first planes, one byte each, shape [A, K] or [0, 0] for all, and longer candidates, if wanted."""
     scene, table, config = search.scene, search.table, search.config
     if config.candidates == "exhaustive":
         is_hit = no_values(scene.device, 2, wp.uint8)
-        keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else None
-        has_keys = keys is not None and len(keys) > 0
-        return is_hit, wp.array(keys, dtype=wp.uint64, device=scene.device) if has_keys else None
+        keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else []
+        if not len(keys):
+            return is_hit, None
+        tree = _tree(search, sources, len(keys))
+        wp.copy(tree.key, wp.array(keys, dtype=wp.uint64, device=scene.device))
+        return is_hit, tree
     if config.max_depth == 1:
         return launch_rays(search, sources, config.samples_per_tx, counts=counts)[0], None
     patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
@@ -105,12 +108,21 @@ def _first_planes_and_keys(
                 f"channel.samples_per_tx = {config.samples_per_tx}, max_depth = {config.max_depth}: the candidates of "
                 f"one transmitter do not fit into {MAX_CELLS} cells; launch fewer rays or lower the depth"
             )
-        is_hit, keys, own = launch_rays(
-            search, sources, config.samples_per_tx, config.max_depth, cells, patterns, counts
-        )
+        tree = _tree(search, sources, cells)
+        is_hit, own = launch_rays(search, sources, config.samples_per_tx, config.max_depth, tree.key, patterns, counts)
         if counts is not None or not own.numpy()[FULL]:
-            return is_hit, keys
+            return is_hit, tree
         grow_cells(search)
+
+
+def _tree(search: Search, sources: Sources, cells: int) -> CandidateTree:
+    """Return a tree of candidates, with undefined values but its first links."""
+    layouts = [((cells,), kind) for kind in (wp.uint64, wp.int32, wp.float64, wp.vec3d, wp.vec3d)]
+    block = search.borrow(*layouts, is_scratch=True)
+    tree = block.struct(CandidateTree, "key", "source", "offset", "image", "normal")
+    tree.first, tree.plane_count = len(sources) * search.table.plane_count, search.table.plane_count
+    tree.first_link = search.source_arrays(sources)[3]
+    return tree
 
 
 def _cells(search: Search) -> int:
@@ -138,10 +150,10 @@ def launch_rays(
     sources: Sources,
     rays: int,
     depth: int = 1,
-    cells: int = 1,
+    keys: wp.array | None = None,
     patterns: range = range(1),
     counts: wp.array | None = None,
-) -> tuple[wp.array, wp.array, wp.array]:
+) -> tuple[wp.array, wp.array]:
     """Follow the rays of each transmitter.
 
     Args:
@@ -149,20 +161,22 @@ def launch_rays(
         sources: The transmitters.
         rays: Rays of each transmitter, > 1.
         depth: Surfaces that a ray follows.
-        cells: Size of the table of candidates, a power of two.
+        keys: Gets the candidates of two planes and more; a power of two of them.
         patterns: Which of its surfaces a ray goes through instead of off them, one launch a bit pattern.
         counts: Counts of `candidate_list` to be used; new ones without them.
 
     Returns:
-        Planes that are hit first, one byte each, shape [A, K]; keys of the candidates of two planes and more, shape
-        [N]; and the counts, which tell whether some candidate found no cell.
+        Planes that are hit first, one byte each, shape [A, K]; and the counts, which tell whether some candidate found
+        no cell.
     """
     table, device, stride = search.table, search.scene.device, neighbor_stride(rays)
     row_count = -(-rays // stride)
     is_hit = search.scratch((len(sources), table.plane_count), wp.uint8)
-    keys = search.scratch((cells,), wp.uint64)
     is_hit.zero_()
-    keys.zero_()
+    if keys is None:
+        keys = no_values(device, 1, wp.uint64)
+    else:
+        keys.zero_()
     if counts is None:
         counts = search.scratch((COUNTS,), wp.int32)
         counts.zero_()
@@ -184,7 +198,7 @@ def launch_rays(
             counts,
         ]
         launch_again(launch_kernel, (len(sources), row_count * stride), arguments, device, block_dim=64)
-    return is_hit, keys, counts
+    return is_hit, counts
 
 
 @cache

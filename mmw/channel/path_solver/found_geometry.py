@@ -66,9 +66,7 @@ def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     return WedgeHits(path, step, edge, *normals, at, wedges.is_curved[wedge])
 
 
-def range_rates(
-    search: Search, found: TracedPaths, geometry: PathGeometry, motion: Motion | None = None
-) -> np.ndarray:
+def range_rates(search: Search, found: TracedPaths, geometry: PathGeometry, motion: Motion | None = None) -> np.ndarray:
     """Return d(length)/dt of each path [m/s] from the velocities of both ends and of every vertex, shape [P].
 
     `motion` has the derivatives of all poses of the scene, if they are known.
