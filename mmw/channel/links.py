@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -37,12 +38,12 @@ class Links:
     tx: RadioDevices
     rx: RadioDevices
 
-    @property
+    @cached_property
     def tx_number(self) -> np.ndarray:
         """Number of each transmitting antenna, one for every actor and antenna, shape [L], int64."""
         return _antenna_number(self.tx_actor, self.tx_antenna)
 
-    @property
+    @cached_property
     def rx_number(self) -> np.ndarray:
         """Number of each receiving antenna, one for every actor and antenna, shape [L], int64."""
         return _antenna_number(self.rx_actor, self.rx_antenna)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,7 @@ class PathSamples:
 
 SAMPLE_COLUMNS = tuple(field.name for field in fields(PathSamples)[1:])
 """Arrays of `PathSamples`."""
+_SAMPLES = attrgetter(*SAMPLE_COLUMNS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,13 +102,13 @@ class CarrierPaths(PathSamples):
     """Link of each path, 0 to L - 1, growing, shape [P], int64."""
 
     def __post_init__(self) -> None:
-        lengths = {name: len(getattr(self, name)) for name in ("link", *SAMPLE_COLUMNS)}
-        if len(set(lengths.values())) != 1 or self.transfer.shape[1:] != (2, 2):
+        if set(map(len, _SAMPLES(self))) != {len(self.link)} or self.transfer.shape[1:] != (2, 2):
+            lengths = {name: len(getattr(self, name)) for name in ("link", *SAMPLE_COLUMNS)}
             raise InputError(
                 f"CarrierPaths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
             )
         is_link = (self.link >= 0) & (self.link < len(self.keys))
-        if not is_link.all() or (np.diff(self.link) < 0).any():
+        if not is_link.all() or (self.link[1:] < self.link[:-1]).any():
             raise InputError(
                 f"CarrierPaths: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link"
             )

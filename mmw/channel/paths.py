@@ -26,8 +26,10 @@ LOS_STATES = ("clear", "foliage", "blocked")
 def path_kinds(interaction: np.ndarray) -> np.ndarray:
     """Return the kind of each path from its interactions, shape [P, D] -> [P], int8."""
     kind = np.full(len(interaction), PATH_LOS, dtype=np.int8)
+    kinds = int(np.bitwise_or.reduce(interaction, axis=None))  # their numbers are bits
     for number, code in enumerate((SPECULAR, TRANSMISSION, DIFFUSE, DIFFRACTION), start=1):
-        kind[(interaction == code).any(axis=1)] = number
+        if kinds & code:
+            kind[(interaction == code).any(axis=1)] = number
     return kind
 
 
@@ -179,7 +181,10 @@ def tell_apart(ids: np.ndarray, link: np.ndarray, rank_by: np.ndarray) -> np.nda
             strongest, whose level is continuous where two swap and where the weakest ends.
     """
     order = np.lexsort((rank_by, ids, link))
-    is_new = np.append(True, (link[order][1:] != link[order][:-1]) | (ids[order][1:] != ids[order][:-1]))[: len(order)]
+    is_new, sorted_link, sorted_ids = np.ones(len(order), dtype=bool), link[order], ids[order]
+    is_new[1:] = (sorted_link[1:] != sorted_link[:-1]) | (sorted_ids[1:] != sorted_ids[:-1])
+    if is_new.all():
+        return ids
     first = np.maximum.accumulate(np.where(is_new, np.arange(len(order)), 0))
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order)) - first

@@ -33,6 +33,7 @@ def launch_again(
     record, held, size = known.get(key, (None, [], ()))
     if record is None or kernel.module.load(record.device, record.block_dim) is not record.module_exec:
         record = wp.launch(kernel, dim, inputs=arguments, device=device, block_dim=block_dim, record_cmd=True)
+        assert record is not None
         record.fwd_args = None  # they would be kept alive
         held = [_held(value) for value in arguments]
     else:

@@ -10,6 +10,7 @@ from mmw.channel.links import Links
 from mmw.config import ChannelConfig
 from mmw.config.antennas import AntennaConfig
 from mmw.core.remember import remembered
+from mmw.physics.em.field import PathGeometry
 
 
 @dataclass(frozen=True)
@@ -28,11 +29,14 @@ class EndElements:
         of_array = [np.pi / 2 - abs(slant_angles(array.polarization)[0]) for array in self.arrays]
         return np.array(of_array)[self.index]
 
-    def field(self, direction: np.ndarray, rotation: np.ndarray, link: np.ndarray) -> np.ndarray:
+    def field(
+        self, direction: np.ndarray, angles: tuple[np.ndarray, np.ndarray], rotation: np.ndarray, link: np.ndarray
+    ) -> np.ndarray:
         """Return the far field of the element of the first polarization, at the phase center.
 
         Args:
             direction: Unit directions away from the antenna, world frame, shape [P, 3].
+            angles: Their zenith and azimuth [rad], shape [P] each.
             rotation: Device-to-world rotation of every link's end, shape [L, 3, 3].
             link: Link of each path, shape [P].
 
@@ -42,21 +46,25 @@ class EndElements:
         if not len(link):
             return np.zeros((0, 1, 2))
         if len(self.arrays) == 1:
-            return _first_field(self.arrays[0], direction, rotation[link])
+            return _first_field(self.arrays[0], direction, angles, rotation[link])
         parts = []
         for number in np.unique(self.index[link]):
             rows = np.flatnonzero(self.index[link] == number)
-            parts.append((rows, _first_field(self.arrays[number], direction[rows], rotation[link[rows]])))
+            own = angles[0][rows], angles[1][rows]
+            parts.append((rows, _first_field(self.arrays[number], direction[rows], own, rotation[link[rows]])))
         field = np.empty((len(link), 1, 2), dtype=np.result_type(*(part.dtype for _, part in parts)))
         for rows, part in parts:
             field[rows] = part
         return field
 
 
-def _first_field(array: PlanarArray, direction: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+def _first_field(
+    array: PlanarArray, direction: np.ndarray, angles: tuple[np.ndarray, np.ndarray], rotation: np.ndarray
+) -> np.ndarray:
     """Return the field of the first polarization of an array's elements on devices that are turned, [P, 1, 2]."""
     turn = rotation if is_level(array) else rotation @ array.rotation
-    return antenna_field(direction, turn, array.pattern, array.polarization, array.polarization_model)[:, :1]
+    kind = array.pattern, array.polarization, array.polarization_model
+    return antenna_field(direction, turn, *kind, angles)[:, :1]
 
 
 @dataclass(frozen=True)
@@ -73,23 +81,26 @@ class LinkElements:
         return all(same_element(first, other) for other in others)
 
     def fields(
-        self, departure: np.ndarray, arrival: np.ndarray, tx_rotation: np.ndarray, rx_rotation: np.ndarray,
-        link: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        self, geometry: PathGeometry, tx_rotation: np.ndarray, rx_rotation: np.ndarray, link: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return the far fields of transmitters and receivers, shape [P, 1, 2] each; see `EndElements.field`.
 
         Args:
-            departure: Unit directions away from the transmitter, world frame, shape [P, 3].
-            arrival: Unit directions away from the receiver, shape [P, 3].
+            geometry: The paths.
             tx_rotation: Device-to-world rotation of every link's transmitter, shape [L, 3, 3].
             rx_rotation: Device-to-world rotation of every link's receiver, shape [L, 3, 3].
             link: Link of each path, shape [P].
         """
+        ends = (geometry.theta_t, geometry.phi_t), (geometry.theta_r, geometry.phi_r)
         if len(link) and len(self.tx.arrays) == len(self.rx.arrays) == 1 and self.tx.arrays[0] is self.rx.arrays[0]:
             turns = np.concatenate([tx_rotation[link], rx_rotation[link]])
-            both = _first_field(self.tx.arrays[0], np.concatenate([departure, arrival]), turns)
+            directions = np.concatenate([geometry.departure, geometry.arrival])
+            both = _first_field(
+                self.tx.arrays[0], directions, tuple(map(np.concatenate, zip(*ends, strict=True))), turns
+            )
             return both[: len(link)], both[len(link) :]
-        return self.tx.field(departure, tx_rotation, link), self.rx.field(arrival, rx_rotation, link)
+        transmit = self.tx.field(geometry.departure, ends[0], tx_rotation, link)
+        return transmit, self.rx.field(geometry.arrival, ends[1], rx_rotation, link)
 
     def take(self, rows: np.ndarray) -> "LinkElements":
         """Return those of some links."""

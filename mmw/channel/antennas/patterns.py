@@ -344,7 +344,8 @@ def _components(
             )
         if part.dtype.kind not in "fiuc" or not np.isfinite(part).all():
             raise InputError(f"pattern {name}: returned values that are not finite; return a number in any direction")
-    return np.broadcast_to(parts[0], theta.shape), np.broadcast_to(parts[1], theta.shape)
+    first, second = (part if part.shape == theta.shape else np.full(theta.shape, part) for part in parts)
+    return first, second
 
 
 def antenna_field(
@@ -353,6 +354,7 @@ def antenna_field(
     pattern: Pattern,
     polarization: Polarization,
     model: PolarizationModel = "tr38901_2",
+    angles: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
     """Return the far field of an antenna in the world's theta and phi basis.
 
@@ -363,6 +365,7 @@ def antenna_field(
         pattern: Element pattern: a name, a `PatternTable`, or a function (see `pattern_components`).
         polarization: One element for `V` and `H`, two for `VH` and `cross`; or the slant angle of each element [rad].
         model: Polarization model. It turns (C_theta, C_phi) of any pattern by the slant.
+        angles: `direction_angles` of the directions, where they are known, shape [P] each.
 
     Returns:
         Field components (theta, phi), shape [P, elements, 2]; real, or complex for a complex pattern.
@@ -372,7 +375,7 @@ def antenna_field(
     local = unrotate(rotation, direction)
     theta, phi = direction_angles(local)
     theta_hat, phi_hat = (rotate(rotation, vector) for vector in spherical_basis(theta, phi))
-    basis = spherical_basis(*direction_angles(direction))
+    basis = spherical_basis(*(direction_angles(direction) if angles is None else angles))
     c_theta, c_phi = pattern_components(pattern, theta, phi)
     slants = slant_angles(polarization)
     field = np.empty((len(direction), len(slants), 2), dtype=np.result_type(c_theta, c_phi, np.float64))

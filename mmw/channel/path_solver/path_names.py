@@ -7,7 +7,7 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import path_ids, tell_apart
 from mmw.physics.em.diffraction import WedgeHits
-from mmw.physics.em.interaction import DIFFUSE, SPECULAR, TRANSMISSION
+from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 
 
 def path_names(
@@ -34,11 +34,11 @@ def path_names(
     """
     named = found.surface
     for kind, names in ((SPECULAR, table.wall), (TRANSMISSION, table.object_id)):
-        is_own = found.kind == kind
-        if is_own.any():
+        if found.kinds & kind:
+            is_own = found.kind == kind
             named = np.where(is_own, names[np.where(is_own, found.surface, 0)], named)
-    rough, step = np.nonzero(found.kind == DIFFUSE)
-    if len(rough) or len(wedges.path):
+    if found.kinds & (DIFFUSE | DIFFRACTION):
+        rough, step = np.nonzero(found.kind == DIFFUSE)
         named = named.copy()
         named[rough, step] = found.ray[rough]
     if len(wedges.path):

@@ -281,7 +281,7 @@ def _gains(
     """Return transfer [P, C, 2, 2], coefficient [P, C] and losses [P, C] of every weather."""
     links, found, geometry, carriers = trace.search.links, trace.found, trace.geometry, config.carriers_hz
     rotations = links.tx.rotation, links.rx.rotation
-    tx_field, rx_field = elements.fields(geometry.departure, geometry.arrival, *rotations, found.link)
+    tx_field, rx_field = elements.fields(geometry, *rotations, found.link)
     many = len(carriers)
     ends = [np.repeat(field, many, axis=0) for field in (rx_field, tx_field)] if many > 1 else (rx_field, tx_field)
     transfer, a, loss_db = {}, {}, {}

@@ -121,23 +121,23 @@ def path_transfer(
             own[hits.path, hits.step] = wedge_matrices(
                 geometry, hits, term, interactions.wedge_material, response, model
             )
-    attenuate = None
+    columns = []
     if has_rough:
         hits = interactions.rough
         path, factor = rough_spreading(geometry, hits)
         spreading[path] = factor
         material, cosine = ids[hits.path, hits.step], geometry.cosine[hits.path, hits.step]
         amplitude = rough_amplitude(geometry, hits, materials, material)
-        columns = []
         for own, response in zip(matrices, by_carrier, strict=True):
             share = response.diffuse_share(material, cosine)
             own[hits.path, hits.step] = rough_matrices(amplitude, share, materials, material)
             columns.append(rough_columns(geometry, hits, material, response))
 
-        def attenuate(step: int, field: np.ndarray) -> np.ndarray:
-            return np.stack([column(step, own) for column, own in zip(columns, field, strict=True)])
+    def attenuate(step: int, field: np.ndarray) -> np.ndarray:
+        return np.stack([column(step, own) for column, own in zip(columns, field, strict=True)])
 
-    transfer = polarimetric_transfer(geometry, matrices, spreading, np.array(carriers_hz), attenuate)
+    more = (attenuate,) if has_rough else ()
+    transfer = polarimetric_transfer(geometry, matrices, spreading, np.array(carriers_hz), *more)
     return np.ascontiguousarray(transfer.swapaxes(0, 1))
 
 
