@@ -123,6 +123,7 @@ def cull_reflections_kernel(
     block, group = wp.tid()
     links = wp.min(8, link_count - 8 * block)
     members = wp.min(8, surfaces.row.shape[0] - 8 * group)
+    pairs = wp.uint64(0)  # bit 8 s + b: surface s and link b of the thread
     member = wp.int32(0)
     while member < members:
         surface = 8 * group + member
@@ -136,17 +137,26 @@ def cull_reflections_kernel(
             is_seen = is_hit.shape[0] == 0
             if not is_seen:
                 is_seen = is_hit[ends.source[link] - first_source, surfaces.plane[surface]] != wp.uint8(0)
-            if is_seen and is_mirror.shape[0] > 0:
-                is_seen = is_mirror[surface] != wp.uint8(0)
             if is_seen:
                 low = surfaces.lower[row]
                 high = surfaces.upper[row]
                 if reflects_in_box(normal, offset, low, high, ends.tx[link, carrier], ends.rx[link, carrier]):
-                    place = append_candidate(listed, link_target(target, link), False, counts)
-                    if place >= 0:
-                        listed.step[place, 0] = surface
+                    pairs = pairs | (wp.uint64(1) << wp.uint64(8 * member + bit))
             bit = bit + 1
         member = member + 1
+    if pairs == wp.uint64(0):  # of most threads: what follows is no part of their loop
+        return
+    for index in range(64):
+        if (pairs >> wp.uint64(index)) & wp.uint64(1) == wp.uint64(1):
+            surface = 8 * group + index // 8
+            is_reflecting = is_mirror.shape[0] == 0
+            if not is_reflecting:
+                is_reflecting = is_mirror[surface] != wp.uint8(0)
+            if is_reflecting:
+                link = first_link + 8 * block + index % 8
+                place = append_candidate(listed, link_target(target, link), False, counts)
+                if place >= 0:
+                    listed.step[place, 0] = surface
 
 
 @wp.kernel

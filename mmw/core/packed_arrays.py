@@ -20,7 +20,7 @@ KEPT_BYTES = 1 << 18
 value."""
 
 KEPT_SCRATCH_BYTES = 1 << 27
-"""The same for blocks without a host side, which are on one device alone; design value."""
+"""The same for blocks without a host side, of which one of each kind is kept if it is larger; design value."""
 
 KEPT_KINDS = 256
 """Most combinations of device and layouts of which blocks are kept; design value."""
@@ -48,7 +48,8 @@ class PackedArrays:
         self._key = device, layouts, is_scratch
         self._offsets, size = _offsets(layouts)
         self._block = self._twin = wp.empty(size, dtype=wp.uint8, device=device)
-        self._is_kept = size <= (KEPT_SCRATCH_BYTES if is_scratch else KEPT_BYTES)
+        self._is_large = size > KEPT_BYTES
+        self._is_kept = not self._is_large or (is_scratch and size <= KEPT_SCRATCH_BYTES)
         self.arrays = _views(self._block, layouts, self._offsets)
         self.host: list[np.ndarray] = []
         if not is_scratch:
@@ -96,7 +97,9 @@ class PackedArrays:
         if self._is_kept:
             if len(_free) > KEPT_KINDS:
                 _free.clear()
-            _free.setdefault(self._key, deque()).append(self)
+            free = _free.setdefault(self._key, deque())
+            if not (free and self._is_large):
+                free.append(self)
 
 
 def borrow_arrays(device: str, *layouts: Layout, is_scratch: bool = False) -> PackedArrays:

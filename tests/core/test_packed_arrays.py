@@ -62,3 +62,14 @@ def test_arrays_of_a_block_live_as_long_as_one_of_them(device: str) -> None:
     gc.collect()
     others = [wp.full(16, 7.0, dtype=float, device=device) for _ in range(8)]
     assert values.tolist() == [1.0] * 4 and (kept.numpy() == 2.0).all() and len(others) == 8
+
+
+def test_scratch_is_kept_though_it_is_large_but_only_one_block_of_a_kind(device):
+    layouts = ((KEPT_BYTES + 7,), wp.uint8), ((5,), wp.vec3d)
+    one, other = (borrow_arrays(device, *layouts, is_scratch=True) for _ in range(2))
+    assert one.host == [] and one.arrays[0].ptr != other.arrays[0].ptr
+    one.release()
+    other.release()
+    again = [borrow_arrays(device, *layouts, is_scratch=True) for _ in range(2)]
+    assert again[0] is one and again[1] is not other
+    assert borrow_arrays(device, *layouts) not in (one, other)

@@ -76,7 +76,9 @@ def losses_db(
     else:
         elevation, tilt = np.pi / 2 - trace.geometry.theta_t, elements.tx.tilt[trace.found.link]
         losses = path_loss_db(air, carriers_hz, trace.geometry.length, elevation, tilt)
-    return {**losses, "foliage_db": foliage_loss_db(carriers_hz, trace.foliage_m)}
+    is_clear = trace.search.table.foliage is None
+    foliage = np.zeros_like(losses["gas_db"]) if is_clear else foliage_loss_db(carriers_hz, trace.foliage_m)
+    return {**losses, "foliage_db": foliage}
 
 
 def traced_transfer(
