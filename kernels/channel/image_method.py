@@ -235,9 +235,9 @@ def refine_kernel(
     candidates: PathCandidates,
     hits: HitBuffers,
     # out
-    counts: wp.array[int],
-    found: FoundPaths,
-    found_hits: HitBuffers,
+    counts_out: wp.array[int],
+    found_out: FoundPaths,
+    found_hits_out: HitBuffers,
 ):
     """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
 
@@ -258,7 +258,7 @@ def refine_kernel(
         row = number - sights
         rows = given
         if given < 0:
-            rows = wp.min(counts[LISTED], listed.link.shape[0])
+            rows = wp.min(counts_out[LISTED], listed.link.shape[0])
         if row >= rows:
             return
         link = listed.link[row]
@@ -337,4 +337,4 @@ def refine_kernel(
         segment.own[0] = segment.own[2]
         segment.own[1] = segment.own[3]
     if length > MIN_PATH_M:
-        add_path(number, link, filled, hits, candidate, counts, found, found_hits)
+        add_path(number, link, filled, hits, candidate, counts_out, found_out, found_hits_out)

@@ -111,8 +111,8 @@ def cull_reflections_kernel(
     is_mirror: wp.array[wp.uint8],
     target: wp.array[int],
     # out
-    listed: CandidateList,
-    counts: wp.array[int],
+    listed_out: CandidateList,
+    counts_out: wp.array[int],
 ):
     """List the surfaces that links could use: their point of reflection falls into the surface's box.
 
@@ -154,9 +154,9 @@ def cull_reflections_kernel(
                 is_reflecting = is_mirror[surface] != wp.uint8(0)
             if is_reflecting:
                 link = first_link + 8 * block + index % 8
-                place = append_candidate(listed, link_target(target, link), False, counts)
+                place = append_candidate(listed_out, link_target(target, link), False, counts_out)
                 if place >= 0:
-                    listed.step[place, 0] = surface
+                    listed_out.step[place, 0] = surface
 
 
 @wp.kernel
@@ -280,8 +280,8 @@ def cull_candidates_kernel(
     is_mirror: wp.array[wp.uint8],
     target: wp.array[int],
     # out
-    listed: CandidateList,
-    counts: wp.array[int],
+    listed_out: CandidateList,
+    counts_out: wp.array[int],
 ):
     """List the links of its source that a candidate could serve.
 
@@ -300,13 +300,13 @@ def cull_candidates_kernel(
     while link < tree.first_link[source + 1]:
         rx = ends.rx[link, ends.rx.shape[1] - 1]
         if points_in_boxes(ends, surfaces, pose, tree, last, link, rx):
-            place = append_candidate(listed, link_target(target, link), True, counts)
+            place = append_candidate(listed_out, link_target(target, link), True, counts_out)
             if place >= 0:
                 is_turned = wp.bool(False)
                 if target.shape[0] > 0:
                     is_turned = target[link] < 0
                 if is_turned:
-                    write_planes(tree, last, place, 0, 1, listed.step)
+                    write_planes(tree, last, place, 0, 1, listed_out.step)
                 else:
-                    write_planes(tree, last, place, candidate_depth(tree.key[cell]) - 1, -1, listed.step)
+                    write_planes(tree, last, place, candidate_depth(tree.key[cell]) - 1, -1, listed_out.step)
         link = link + 1

@@ -27,7 +27,7 @@ FIRST_ROOM = {"candidates": (128, 2**18), "paths": (16, 2**16)}
 
 @dataclass(frozen=True)
 class Listed:
-    """Where kernels list candidates."""
+    """Candidates that kernels list."""
 
     rows: CandidateList
     counts: wp.array
