@@ -3,13 +3,12 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from mmw.core.launch_recorder import LaunchRecorder
 from mmw.core.transfer import scalar_type, to_host
 
 ALIGNMENT = 64
@@ -57,11 +56,6 @@ class PackedArrays:
                 self._twin = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=self._is_kept)
             self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
-
-    @cached_property
-    def recorder(self) -> LaunchRecorder:
-        """Launches on the arrays of the block."""
-        return LaunchRecorder(self._key[0])
 
     def upload(self) -> list[wp.array]:
         """Copy the block to the device, and return the arrays there."""

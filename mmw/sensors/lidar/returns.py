@@ -12,6 +12,7 @@ import warp as wp
 
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.remember import remembered
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.lidar import returns as lidar_returns
 from mmw.kernels.lidar import trace as lidar
 from mmw.kernels.lidar.precipitation import Air
@@ -85,14 +86,15 @@ def find_returns(
     arrays.keys.host[0][:] = keys
     (key,), outputs = arrays.keys.upload(), [arrays.returns, arrays.count]
     if config.mode == "carla":
-        arrays.recorder.launch(lidar_returns.carla_kernel, hits.shape, [arrays.rays, _carla(config), key], outputs)
+        arguments = [arrays.rays, _carla(config), key, *outputs]
+        launch_again(lidar_returns.carla_kernel, hits.shape, arguments, str(arrays.device))
     else:
         device = str(arrays.device)
         air = _air(config, weather, device, patch_key)
         reflectance = _reflectance(config, weather, materials, device)
         traced = [arrays.rays, arrays.views, arrays.sweep, arrays.time_s, arrays.pattern[0]]
         inputs = [*traced, reflectance, air, detector(config), key]
-        arrays.recorder.launch(lidar_returns.physical_kernel, hits.shape, inputs, outputs, BLOCK_DIM)
+        launch_again(lidar_returns.physical_kernel, hits.shape, [*inputs, *outputs], device, BLOCK_DIM)
     return arrays.returns, arrays.count
 
 

@@ -13,6 +13,7 @@ import warp as wp
 from mmw.core.frame_rate import seconds
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.random_keys import random_key
+from mmw.core.repeated_launch import launch_again
 from mmw.core.transfer import to_host
 from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
@@ -93,7 +94,7 @@ def trace_lidar_hits(
     arrays.given.upload()
     kernel, sweep = (lidar.rolling_kernel, [arrays.sweep]) if config.rolling else (lidar.lidar_kernel, [])
     inputs = [scene.struct, arrays.views, *sweep, *arrays.pattern, config.range_m]
-    arrays.recorder.launch(kernel, arrays.shape, inputs, [arrays.rays], BLOCK_DIM)
+    launch_again(kernel, arrays.shape, [*inputs, arrays.rays], str(arrays.device), BLOCK_DIM)
     return LidarHits(config, arrays)
 
 

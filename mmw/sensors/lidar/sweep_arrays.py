@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from mmw.core.launch_recorder import LaunchRecorder
 from mmw.core.packed_arrays import PackedArrays
 from mmw.core.remember import remembered
+from mmw.core.repeated_launch import launch_again
 from mmw.core.transfer import to_host
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
@@ -30,7 +30,6 @@ class SweepArrays:
         config: The LiDAR.
         shape: A and R.
         device: Warp device name.
-        recorder: Launches on these arrays.
         views: Sensor poses, in the block `given`.
         sweep: Firing times, and the motion of the sensors meanwhile.
         time_s: Time of each view since the start of the scenario [s], shape [A].
@@ -56,7 +55,6 @@ class SweepArrays:
         self.config, self.device = config, device
         self.pattern = _on_device(config, str(device)) if directions is None else _rays(directions, device)
         self.shape = views, self.pattern[1].size
-        self.recorder = LaunchRecorder(device)
         moving = views if config.rolling else 0
         self.given = PackedArrays(
             device,
@@ -107,7 +105,7 @@ class SweepArrays:
         inputs = [*found, self.pattern[0], self.views, self.sweep, self.config.deskew]
         kernel, outputs = lidar_returns.gather_kernel, [points, self._ends.arrays[0]]
         if is_small:
-            self.recorder.launch(kernel, self.shape, inputs, outputs)
+            launch_again(kernel, self.shape, [*inputs, *outputs], str(self.device))
         else:
             wp.launch(kernel, self.shape, inputs, outputs, device=self.device)
         offsets = np.zeros(self.shape[0] + 1, dtype=np.int32)

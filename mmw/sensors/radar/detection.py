@@ -23,6 +23,7 @@ import warp as wp
 
 from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.core.remember import remembered
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.radar import detection as radar_detection
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.sensors.radar.config import Radar
@@ -163,7 +164,7 @@ def _draw(
     host = block.host
     host[0][:], host[1][:count], host[2][:count], host[3][:count] = keys, view, item, draw
     *inputs, out = block.upload()
-    block.recorder.launch(kernel, (count,), inputs, [out])
+    launch_again(kernel, (count,), [*inputs, out], device)
     numbers = block.download()[4][:count].astype(np.float64)
     block.release()
     return numbers
@@ -296,8 +297,8 @@ def _peaks(config: Radar, points: _Points, keys: np.ndarray, device: str) -> tup
         column[:count] = getattr(points, name)
     arrays = block.upload()
     candidates = block.struct(radar_detection.Candidates, None, "view", None, None, *places, None, None)
-    block.recorder.launch(radar_detection.peak_kernel, (count,), [candidates, cell_grid(config)], [arrays[-2]])
-    block.recorder.launch(radar_detection.normal_kernel, (count,), arrays[:4], [arrays[-1]])
+    launch_again(radar_detection.peak_kernel, (count,), [candidates, cell_grid(config), arrays[-2]], device)
+    launch_again(radar_detection.normal_kernel, (count,), [*arrays[:4], arrays[-1]], device)
     *_, is_peak, normal = block.download()
     found = is_peak[:count] != 0, normal[:count].astype(np.float64)
     block.release()

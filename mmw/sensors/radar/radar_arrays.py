@@ -7,7 +7,6 @@ from typing import Any
 
 import warp as wp
 
-from mmw.core.launch_recorder import LaunchRecorder
 from mmw.core.packed_arrays import PackedArrays
 from mmw.kernels.core import structs
 from mmw.kernels.radar import trace as radar
@@ -30,7 +29,7 @@ class CellArrays:
         first_up_to: Number of cells up to each echo, shape [C].
         start: First echo of each cell, shape [C].
         occupied: Block of the number of cells, shape [1].
-        recorder: Launches on these arrays.
+        device: Warp device name.
     """
 
     def __init__(self, views: int, per_view: int, device: str):
@@ -41,7 +40,7 @@ class CellArrays:
         self.sorted = self.key[: views * per_view], self.ray[: views * per_view]
         self.is_first, self.first_up_to, self.start = (wp.empty(count, dtype=int, device=device) for _ in range(3))
         self.occupied = PackedArrays(device, (((1,), wp.int32),))
-        self.recorder, self._device = LaunchRecorder(device), device
+        self.device = str(device)
         self._sums: dict[tuple[str, int], PackedArrays] = {}
 
     def sums(self, struct: Any, room: int) -> PackedArrays:
@@ -49,7 +48,7 @@ class CellArrays:
         found = self._sums.get((struct.key, room))
         if found is None:
             layouts = tuple(((room,), variable.type.dtype) for variable in struct.vars.values())
-            found = self._sums[struct.key, room] = PackedArrays(self._device, layouts)
+            found = self._sums[struct.key, room] = PackedArrays(self.device, layouts)
         return found
 
 
@@ -64,7 +63,7 @@ class RadarArrays:
         hits: First hits, shape [A, R].
         rays: Echoes in one weather, shape [A, R].
         cells: Arrays that sort the echoes.
-        recorder: Launches on these arrays.
+        device: Warp device name.
     """
 
     def __init__(self, views: int, rays: int, device: str):
@@ -79,4 +78,4 @@ class RadarArrays:
             setattr(self.rays, name, getattr(self.hits, name))
         self.rays.rcs, self.rays.power = (wp.empty((views, rays), dtype=float, device=device) for _ in range(2))
         self.cells = CellArrays(views, rays, device)
-        self.recorder = LaunchRecorder(device)
+        self.device = str(device)

@@ -12,6 +12,7 @@ import warp as wp
 from mmw.core.errors import InputError
 from mmw.core.packed_arrays import padded_count
 from mmw.core.remember import remembered
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.radar import path_sums
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import trace as radar
@@ -147,15 +148,15 @@ def bin_rays(config: Radar, rays: radar.RadarRays, arrays: CellArrays | None = N
         )
     if arrays is None or arrays.shape != (views, per_view):
         arrays = CellArrays(views, per_view, rays.range.device)
-    count, launch = views * per_view, arrays.recorder.launch
+    count, device = views * per_view, arrays.device
     if count == 0:
         return SortedRays(grid, views, arrays, 0)
-    launch(radar_cells.cell_key_kernel, (views, per_view), [rays, grid], [arrays.key, arrays.ray])
+    launch_again(radar_cells.cell_key_kernel, (views, per_view), [rays, grid, arrays.key, arrays.ray], device)
     wp.utils.radix_sort_pairs(arrays.key, arrays.ray, count)
-    launch(radar_cells.is_first_kernel, (count,), [arrays.sorted[0]], [arrays.is_first])
+    launch_again(radar_cells.is_first_kernel, (count,), [arrays.sorted[0], arrays.is_first], device)
     wp.utils.array_scan(arrays.is_first, arrays.first_up_to, inclusive=True)
-    found = [arrays.start, arrays.occupied.arrays[0]]
-    launch(radar_cells.cell_start_kernel, (count,), [arrays.is_first, arrays.first_up_to], found)
+    arguments = [arrays.is_first, arrays.first_up_to, arrays.start, arrays.occupied.arrays[0]]
+    launch_again(radar_cells.cell_start_kernel, (count,), arguments, device)
     occupied = int(arrays.occupied.download()[0][0])
     return SortedRays(grid, views, arrays, occupied)
 
@@ -178,7 +179,7 @@ def sum_cells(order: SortedRays, rays: radar.RadarRays, *, coherent: bool = Fals
         struct, kernel = radar_cells.CellSums, radar_cells.cell_sum_kernel
     names = list(struct.vars)
     block = arrays.sums(struct, padded_count(count))
-    arrays.recorder.launch(kernel, (count,), inputs, [block.struct(struct, *names)])
+    launch_again(kernel, (count,), [*inputs, block.struct(struct, *names)], arrays.device)
     columns = {name: column[:count] for name, column in zip(names, block.download(), strict=True)}
     if not has_paths:
         columns.pop("path_type", None)

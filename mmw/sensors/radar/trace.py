@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from mmw.core.launch_recorder import LaunchRecorder
 from mmw.core.remember import remembered
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.materials.material import Material
@@ -87,7 +87,7 @@ def trace_radar(
         kernel, inputs = radar.carla_kernel, [*common, _carla_plane(config)]
     else:
         kernel, inputs = radar.grid_kernel, [*common, radar_grid(config), config.range_m]
-    arrays.recorder.launch(kernel, (len(views), rays), inputs, [arrays.hits], BLOCK_DIM)
+    launch_again(kernel, (len(views), rays), [*inputs, arrays.hits], arrays.device, BLOCK_DIM)
     return arrays.hits
 
 
@@ -175,15 +175,15 @@ def shade_radar(
     """
     device, shape = hits.range.device, hits.range.shape
     if arrays is None:
-        rays, recorder = radar.RadarRays(), LaunchRecorder(device)
+        rays = radar.RadarRays()
         for name in SHARED:
             setattr(rays, name, getattr(hits, name))
         rays.rcs, rays.power = (wp.empty(shape, dtype=float, device=device) for _ in range(2))
     else:
-        rays, recorder = arrays.rays, arrays.recorder
+        rays = arrays.rays
     surface = surfaces_on_device(materials, weather, config.carrier_hz, str(device))
     inputs = [hits, surface, radar_link(weather, config)]
-    recorder.launch(radar.echo_kernel, shape, inputs, [rays.rcs, rays.power], BLOCK_DIM)
+    launch_again(radar.echo_kernel, shape, [*inputs, rays.rcs, rays.power], str(device), BLOCK_DIM)
     return rays
 
 
