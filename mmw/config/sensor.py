@@ -145,3 +145,8 @@ class SensorConfig(Sampling, Mounted):
 
     type: str
     name: Name = Field(description="unique among the sensors; the `sensor` or `camera` key of its rows (name)")
+
+    @property
+    def late_frames(self) -> int:
+        """Frames by which a reading is late: derivatives of so many frames before its own are read."""
+        return 0

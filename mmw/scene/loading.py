@@ -20,7 +20,7 @@ from mmw.core.frame_rate import check_frame_rate
 from mmw.core.resources import shipped_towns, town_path
 from mmw.core.temp_files import TemporaryFolder
 from mmw.physics.weather.weather import PRESETS, Weather
-from mmw.scene.prepare import prepare_scenario, read_scenario
+from mmw.scene.prepare import margin_frames, prepare_scenario, read_scenario
 from mmw.scene.reader import read_stage
 from mmw.scene.scene import Scene
 from mmw.scene.scene_data import SceneData
@@ -157,9 +157,9 @@ def _from_config(
     if others := {key: values.variants(key) for key, values in weathers.items() if own.get(key) != values}:
         variants = {**config.variants, **others}
         data = read_stage(
-            stage, _inner(config, scenario), variants, margin=1, rate_hz=config.frame_rate_of(scenario),
-            roles=scenario.actor_roles, material_map=config.materials_of(scenario), physics=config.channel.physics,
-            foliage=config.foliage,
+            stage, _inner(config, scenario), variants, margin=margin_frames(config),
+            rate_hz=config.frame_rate_of(scenario), roles=scenario.actor_roles,
+            material_map=config.materials_of(scenario), physics=config.channel.physics, foliage=config.foliage,
         )  # fmt: skip
     _log_notes(data)
     first = config.frames_of(scenario).start if frame is None else frame

@@ -270,8 +270,13 @@ def read_frame(config: Config, scenario: ScenarioConfig, stage: Path, frame: int
     )
 
 
+def margin_frames(config: Config) -> int:
+    """Return the frames beyond the configured ones on which samples depend: a neighbor, and more for late readings."""
+    return 1 + max((sensor.late_frames for sensor in config.sensors), default=0)
+
+
 def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> SceneData:
-    """Return a scenario's arrays for the configured frames, and one frame on each side where the stage has it.
+    """Return a scenario's arrays for the configured frames, and `margin_frames` on each side where the stage has them.
 
     Raises:
         InputError: If the stage cannot be used, or does not cover the frames.
@@ -281,7 +286,7 @@ def read_scenario(config: Config, scenario: ScenarioConfig, stage: Path) -> Scen
         stage,
         range(frames.start, frames.stop),
         config.variants,
-        margin=1,
+        margin=margin_frames(config),
         rate_hz=config.frame_rate_of(scenario),
         roles=scenario.actor_roles,
         material_map=config.materials_of(scenario),

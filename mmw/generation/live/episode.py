@@ -27,7 +27,7 @@ class Episode:
         seed: Seed of traffic and noise.
     """
 
-    def __init__(self, traffic: LiveTraffic, data: SceneData, first: int, seed: int) -> None:
+    def __init__(self, traffic: LiveTraffic, data: SceneData, first: int, seed: int, margin: int) -> None:
         """Go to the first frame, > 0; the frame before it is known too.
 
         Args:
@@ -35,11 +35,12 @@ class Episode:
             data: The scene with all actors, in a few frames at the start.
             first: The first frame.
             seed: Seed of traffic and noise.
+            margin: Frames before the first one that its samples depend on, if there are so many; >= 1.
         """
         self.traffic = traffic
         self.seed = seed
         self.frame = first
-        self.first = first
+        self._begin = max(first - margin, 0)
         self._data = data
         names = {name: column for column, name in enumerate(traffic.names)}
         pairs = [(column, names[actor.name]) for column, actor in enumerate(data.actors) if actor.name in names]
@@ -48,7 +49,7 @@ class Episode:
         self._rows: list[np.ndarray] = []
         self._signs = SignsPart(QuaternionSigns(len(self._source)), 0, 1)
         self._next = 0
-        self._layout = first, id(data), self._column.tobytes(), self._source.tobytes()
+        self._layout = self._begin, id(data), self._column.tobytes(), self._source.tobytes()
         self.traffic.advance(rows_at_start(first))
 
     def step(self, controls: Mapping[str, Control | None]) -> int:
@@ -82,8 +83,8 @@ class Episode:
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""
         catch_up([(self, frame)])
-        start = max(frame - BEFORE, self.first - 1)
-        own = self._rows[start - self.first + 1 : frame - self.first + 3]
+        start = max(frame - BEFORE, self._begin)
+        own = self._rows[start - self._begin : frame - self._begin + 2]
         return replace(self._data, frames=range(start, frame + 2), poses=np.stack(own))
 
 
@@ -101,7 +102,7 @@ def poses_around(moments: Sequence[tuple[Episode, int]], reach: int) -> np.ndarr
     catch_up([(episode, frame + reach - 1) for episode, frame in moments])
     rows: list[np.ndarray] = []
     for episode, frame in moments:
-        middle = frame - episode.first + 1
+        middle = frame - episode._begin
         rows += episode._rows[middle - reach : middle + reach + 1]
     return np.stack(rows)
 
@@ -121,13 +122,13 @@ def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
 
 
 def _make_rows(episodes: Sequence[Episode], stop: int) -> None:
-    """Make the rows of episodes of one kind; those before the frame before the first only turn quaternions."""
+    """Make the rows of episodes of one kind; those before the first that is kept only turn quaternions."""
     one = episodes[0]
     known = np.stack([episode.traffic.poses[one._next : stop] for episode in episodes], axis=1)
     poses = known[:, :, one._source]
     signs = joined([episode._signs for episode in episodes])
     written = np.stack([signs.write(turn.reshape(-1, 4)) for turn in normalize(poses[..., 3:])])
-    seen = slice(max(one.first - 1 - one._next, 0), None)
+    seen = slice(max(one._begin - one._next, 0), None)
     flat = np.concatenate([poses[seen, ..., :3].reshape(-1, 3), written[seen].reshape(-1, 4)], axis=1)
     read = poses_read_back(flat).reshape(poses[seen].shape)
     for turns, turn in zip(read[..., 3:], written[seen], strict=True):

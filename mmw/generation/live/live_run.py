@@ -28,8 +28,9 @@ from mmw.generation.live.frame_tables import FrameTables, LiveFrame, Maker, tabl
 from mmw.generation.live.recorded_stage import RecordedStage
 from mmw.generation.pipeline import make_batch
 from mmw.generation.precompile import compiled_ahead, warm_up
-from mmw.scene.prepare import make_demand, read_scenario, write_stage
+from mmw.scene.prepare import make_demand, margin_frames, read_scenario, write_stage
 from mmw.scene.rows import static_rows
+from mmw.scene.scene_data import SceneData
 from mmw.scene.sources import scenario_source
 from mmw.sensors.batch import Batch
 from mmw.storage.arrow_tables import table_from_columns
@@ -214,7 +215,10 @@ class LiveRun:
         world = self.world
         with in_config(self._place):
             traffic = world.traffic(seed, self._drones(world.demand), started)
-            return Episode(traffic, world.batch.arrays, self.frames.start, seed)
+            return self._episode_of(traffic, world.batch.arrays, seed)
+
+    def _episode_of(self, traffic: LiveTraffic, arrays: SceneData, seed: int) -> Episode:
+        return Episode(traffic, arrays, self.frames.start, seed, margin_frames(self._config))
 
     def _drones(self, demand: TrafficDemand) -> list[VehicleTrack]:
         return fly_drones(self._scenario.uavs, demand.frame_count)
@@ -266,7 +270,7 @@ class LiveRun:
         }
         makers = table_makers(config)
         self._world = World(config, demand, batch, static, threading.Lock(), holder, makers, traffic.fleet)
-        self._episode = Episode(traffic, batch.arrays, self.frames.start, config.seed)
+        self._episode = self._episode_of(traffic, batch.arrays, config.seed)
 
     def new_notes(self) -> list[str]:
         """Return the notes on a world that was made since the last call."""

@@ -70,3 +70,8 @@ class Imu(SensorConfig):
         le=10,
         description="physical: spread of the turn of each of the two triads, about each axis [deg]",
     )
+
+    @property
+    def late_frames(self) -> int:
+        """Frames by which the accelerometer is late."""
+        return self.accel_lag_frames

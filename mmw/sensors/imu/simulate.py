@@ -11,8 +11,9 @@ are exact. `integrate_imu` inverts them. The first and last frame of a recording
 
 Two of CARLA's habits are options. `handedness: left` reports in its axes (x forward, y right, z up): forces become
 (fx, -fy, fz), rates (-wx, wy, -wz). `accel_lag_frames: 1` is its late accelerometer, which turns the acceleration of
-the frame before into the sensor as it stands now: R_k^-1 (a_(k-1) + g z); an agent's first frame has none before it
-and reads its own. The noise-free columns have no lag.
+the frame before into the sensor as it stands now: R_k^-1 (a_(k-1) + g z). Where the agent has no pose on both sides
+of the frame before, which is in its first two frames, it reads its own: an extrapolated neighbor would bring later
+frames into a reading. The noise-free columns have no lag.
 
 The readings do not depend on which frames are asked for, as long as the same recording is given. Errors are those of
 `mmw.sensors.imu.noise`.
@@ -119,8 +120,12 @@ def _readings(sensor: np.ndarray, motion: Motion, lag: int = 0) -> tuple[np.ndar
     """Return what `measure` does, of the poses of the sensor [F, ..., 7] and their derivatives."""
     acceleration = motion.acceleration
     if lag:
-        before = np.concatenate([acceleration[:1].repeat(lag, axis=0), acceleration])[: len(acceleration)]
-        acceleration = np.where(np.isnan(before), acceleration, before)
+        is_there = np.asarray(np.isfinite(sensor).all(axis=-1))
+        is_central, is_late = np.zeros_like(is_there), np.zeros_like(is_there)
+        is_central[1:-1] = is_there[:-2] & is_there[1:-1] & is_there[2:]
+        is_late[lag:] = is_there[lag:] & is_central[:-lag]
+        before = np.concatenate([acceleration[:lag], acceleration[:-lag]])
+        acceleration = np.where(is_late[..., None], before, acceleration)
     return rotate(conjugate(sensor[..., 3:]), acceleration + GRAVITY_W), motion.body_rate
 
 
