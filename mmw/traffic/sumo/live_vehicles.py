@@ -12,11 +12,12 @@ from mmw.traffic.idm.driver import ACCELERATION, HARDEST_BRAKING, JERK, PREVIEW,
 from mmw.traffic.live.causal import ROWS_PER_STEP, LeaningBodies
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import TARGET_BRAKING
-from mmw.traffic.live.live_vehicles import Seen
+from mmw.traffic.live.live_vehicles import SETTLE_ROWS, Seen
 from mmw.traffic.live.obstacles import BlockedSpan, Body, lane_samples
 from mmw.traffic.polyline import sample_polyline
 from mmw.traffic.sumo.bodies import REACH, PulledBodies, step_weights
 from mmw.traffic.sumo.fleet import OBSTACLE, SumoFleet, paint_of, start_sumo
+from mmw.traffic.sumo.motion_limits import MotionLimits
 from mmw.traffic.sumo.process import State
 
 SUMO_DRIVES = 31
@@ -74,6 +75,9 @@ class SumoVehicles:
         self._bodies, self._leaning = PulledBodies(self.shapes, demand.ground), LeaningBodies(self.shapes)
         self._lead = round(fleet.first / STEP) * ROWS_PER_STEP
         self._weights = step_weights()
+        self._limits = MotionLimits(count)
+        self._next = -SETTLE_ROWS - 2
+        """Row that `_smooth` makes next."""
         self._columns: list[np.ndarray] = []
         self._dropped = 0
         self._start()
@@ -96,6 +100,7 @@ class SumoVehicles:
             self._controls.pop(rank, None)
         else:
             self._controls[rank] = control
+            self._limits.lift(rank)
         if control.target_speed_m_s is None and not drives:
             self._calls.append(("setSpeed", name, -1.0))
         self._calls.append(("setSpeedMode", name, CONTROL_DRIVES if drives else SUMO_DRIVES))
@@ -118,17 +123,23 @@ class SumoVehicles:
         Raises:
             InputError: If SUMO fails.
         """
-        first = (self._lead + row - REACH) // ROWS_PER_STEP
-        weights = self._weights[(self._lead + row) % ROWS_PER_STEP]
+        columns = None
+        while columns is None:
+            columns = self._limits.take(self._smooth(row, seen))
+        return self._leaning.poses(columns[None])[0]
+
+    def _smooth(self, now: int, seen: Seen) -> np.ndarray:
+        """Return the smoothed columns of the next row, shape [V, 6], when the row `now` is made."""
+        row, self._next = self._lead + self._next, self._next + 1
+        first, weights = (row - REACH) // ROWS_PER_STEP, self._weights[row % ROWS_PER_STEP]
         while self._dropped + len(self._columns) < first + len(weights):
             steps = self._dropped + len(self._columns)
-            ahead = ((steps - 1) * ROWS_PER_STEP - self._lead - row) * FRAME_DT
-            self._step(seen(ahead))
+            self._step(seen(((steps - 1) * ROWS_PER_STEP - self._lead - now) * FRAME_DT))
         del self._columns[: first - self._dropped]
         self._dropped = first
         some = np.array(self._columns[: len(weights)])
         middle = some[len(weights) // 2]
-        return self._leaning.poses((middle + np.tensordot(weights, some - middle, axes=1))[None])[0]
+        return middle + np.tensordot(weights, some - middle, axes=1)
 
     def _step(self, bodies: Sequence[Body]) -> None:
         calls = [*self._calls, *self._obstacle_calls(bodies)]
