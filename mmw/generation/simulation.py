@@ -207,18 +207,22 @@ class Simulation:
         """
         self._stepped("remove").remove(name)
 
-    def add(self, name: str, pose: Sequence[float]) -> None:
+    def add(self, name: str, pose: Sequence[float] | None = None) -> None:
         """Put a removed actor back into live traffic, two frames after the present one, as a pose of a `Control` is.
 
-        It stands still for four frames at least, and until a control (`pose`, or `steering_rad` of a vehicle) moves it.
+        It stands still for four frames at least. At a pose it stays until a control (`pose`, or `steering_rad` of a
+        vehicle) moves it.
 
         Args:
             name: An actor that was removed, at least one step before.
-            pose: Body to world (x, y, z, qx, qy, qz, qw), or (x, y, z, yaw), whatever is in its way.
+            pose: Body to world (x, y, z, qx, qy, qz, qw), or (x, y, z, yaw), whatever is in its way. Without one, a
+                vehicle of the engine idm comes back with its driver, at the safe place nearest to where it left its
+                route.
 
         Raises:
             InputError: If the mode is not live, there is no such actor, it is there or stands still in the town, the
-                pose is not finite, or the simulation is closed. Nothing has changed then.
+                pose is not finite, there is no safe place on the route, the traffic is of another engine, or the
+                simulation is closed. Nothing has changed then.
         """
         self._stepped("add").add(name, pose)
 

@@ -359,7 +359,7 @@ class LiveRun:
         episode.check_moving("remove", name)
         episode.traffic.remove(name)
 
-    def add(self, name: str, pose: Sequence[float]) -> None:
+    def add(self, name: str, pose: Sequence[float] | None) -> None:
         """Put an actor back into the scene; errors as of `LiveTraffic.add`, also if the simulation is closed."""
         _, episode = self._present("add")
         episode.check_moving("add", name)

@@ -7,9 +7,12 @@ import weakref
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import count
 from multiprocessing.connection import Connection
 from typing import Protocol
+
+import numpy as np
 
 from mmw.core.bvh_kind import kind_to_build, select_bvh
 from mmw.core.cpu_cores import cores
@@ -23,6 +26,8 @@ from mmw.traffic.live.vehicle_server import (
     Begun,
     Call,
     Driven,
+    Resume,
+    Resumed,
     ServedTraffic,
     ServedVehicles,
     Start,
@@ -157,7 +162,7 @@ class TrafficProcesses:
         begun = []
         for (world, call), answer in zip(calls, answers, strict=True):
             if isinstance(answer, Begun):
-                vehicles = ServedVehicles(call.key, answer)
+                vehicles = ServedVehicles(call.key, answer, partial(self._resume, world))
                 self._held[world % len(self._servers)][vehicles] = world
                 begun.append(ServedTraffic(vehicles, answer.people))
         try:
@@ -185,6 +190,20 @@ class TrafficProcesses:
         for (_, vehicles, _), answer in zip(asked, answers, strict=True):
             assert isinstance(answer, Driven)
             vehicles.take(answer)
+
+    def _resume(self, world: int, call: Resume) -> np.ndarray:
+        """Put a vehicle of a world back on its route; return its pose.
+
+        Raises:
+            InputError: If there is no safe place.
+            TrafficLostError: If its engine fails, or its process has died.
+        """
+        (answer,) = self._exchange([(world, call)])
+        if isinstance(answer, InputError):
+            raise answer
+        self._check([(world, call)], [answer])
+        assert isinstance(answer, Resumed)
+        return answer.pose
 
     def check(self, world: int, vehicles: ServedVehicles) -> None:
         """Check that a world can go on.

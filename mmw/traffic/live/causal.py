@@ -108,6 +108,10 @@ class LeanFilter:
             state[(acceleration == 0.0) & (np.abs(state) < AT_REST)] = 0.0
         return self._second
 
+    def rest(self, body: int) -> None:
+        """Put a body at rest."""
+        self._first[body] = self._second[body] = 0.0
+
 
 class LeaningBodies:
     """Bodies that lean under the accelerations of their places so far."""
@@ -150,6 +154,14 @@ class LeaningBodies:
         slope_y = slope_y + self._lift[:, 1] * (lean[..., 1] * c - lean[..., 0] * s)
         flat = (values.reshape(-1) for values in (x, y, height, heading, slope_x, slope_y))
         return tilted_poses(*flat).reshape(*x.shape, 7)
+
+    def rest(self, body: int, columns: np.ndarray) -> np.ndarray:
+        """Put a body upright and at rest at columns as of `poses`, shape [6]; return its pose, shape [7]."""
+        for places in self._before:
+            places[body] = columns[:2]
+        self._lean.rest(body)
+        x, y, heading, height, slope_x, slope_y = (np.array([value]) for value in columns)
+        return tilted_poses(x, y, height, heading, slope_x, slope_y)[0]
 
     def _leans(self, places: np.ndarray) -> np.ndarray:
         """Return the acceleration that leans each body in rows of places, shape [n, V, 2] both [m], [m/s^2]."""

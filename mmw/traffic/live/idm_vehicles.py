@@ -1,5 +1,6 @@
 """Drive the vehicles of a live simulation with the IDM engine."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -14,8 +15,15 @@ from mmw.traffic.live.causal import REACH, ROWS_PER_STEP, LeaningBodies, hermite
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import LiveEngine
 from mmw.traffic.live.live_vehicles import Seen
+from mmw.traffic.live.obstacles import BlockedSpan, Body
+from mmw.traffic.live.presence import STILL_ROWS
+from mmw.traffic.live.return_places import SEARCH_M, Returning, find_place
 from mmw.traffic.route import EXTENSION, PATH_STEP
 from mmw.traffic.smoothing import SPLINE_REACH, spline_weights
+
+HOLD_STEPS = -(-STILL_ROWS // ROWS_PER_STEP)
+"""Steps in which a vehicle that comes back stands, so that its first `STILL_ROWS` rows are equal: the engine's present
+step is as far ahead of them as a row depends on."""
 
 SLAB = 8
 """Samples of a path around a vehicle that a pose was interpolated from once; positions are still rounded with it."""
@@ -37,6 +45,8 @@ class IdmVehicles:
         self._bodies = LeaningBodies(self.shapes)
         self._lead = round(-self._engine.start / STEP) * ROWS_PER_STEP
         self._station, self._speed = [self._stations()], [self._speeds()]
+        self._start, self._left = self._stations(), self._stations()
+        """Stations where routes began, and where vehicles left them [m]."""
         self._ready: list[np.ndarray] = []
 
     @property
@@ -49,9 +59,35 @@ class IdmVehicles:
         """Take a control of a vehicle on its route from the next step on; an empty one gives it back to its driver."""
         self._engine.command(rank, control)
 
-    def remove(self, rank: int) -> None:
-        """Take a vehicle off the lanes, for good."""
+    def remove(self, rank: int, row: int) -> None:
+        """Take a vehicle off the lanes before a row."""
+        start, _ = self.phase(row - 1)
+        rows = hermite_rows(*self._motion(row - 1), start, 2 * REACH + 1)
+        self._left[rank] = smooth_station(rows)[rank]
         self._engine.remove(rank)
+
+    def resume(self, rank: int, row: int, bodies: Sequence[Body]) -> np.ndarray:
+        """Put a vehicle back at the nearest safe place of its route, at rest; return its pose, shape [7].
+
+        Raises:
+            InputError: If there is none; nothing has changed then.
+        """
+        engine, blocked = self._engine, defaultdict[str, list[BlockedSpan]](list)
+        for body in bodies:
+            for lane, span in engine.samples.blocked(body).items():
+                blocked[lane].append(span)
+        lag_s = ((len(self._station) - 1) * ROWS_PER_STEP - self._lead - row) * FRAME_DT
+        one = Returning(rank, float(self._left[rank]), float(self._start[rank]), lag_s)
+        station = find_place(engine, engine.absent, blocked, one)
+        if station is None:
+            raise InputError(
+                f"there is no safe place within {SEARCH_M:g} m along its route; step on and try again, or give a pose"
+            )
+        engine.resume(rank, station, HOLD_STEPS)
+        for stations, speeds in zip(self._station, self._speed, strict=True):
+            stations[rank], speeds[rank] = station, 0.0
+        columns = _columns_at([self], [slice(0, len(self.shapes))], self._stations()[None])
+        return self._bodies.rest(rank, columns[0, rank])
 
     def close(self) -> None:
         """Change nothing: all is in Python's memory."""

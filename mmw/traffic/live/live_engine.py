@@ -1,7 +1,7 @@
 """The IDM engine with vehicles that somebody else drives, and with bodies off the lanes that vehicles brake for."""
 
 from collections.abc import Sequence
-from math import inf, sqrt
+from math import inf, nan, sqrt
 from typing import Any
 
 from mmw.traffic.idm.driver import BRAKING, HARDEST_BRAKING, PREVIEW, desired_acceleration, follow_leader
@@ -29,6 +29,8 @@ class LiveEngine(IdmEngine):
         """Vehicle -> what it is told to do."""
         self.absent: set[int] = set()
         """Vehicles that have left the lanes."""
+        self._held: dict[int, int] = {}
+        """Vehicle that has come back -> step up to which it stands still."""
         self._blocked: dict[str, list[BlockedSpan]] = {}
         self._gap: dict[int, float] = {}
         super().__init__(*args)
@@ -45,12 +47,33 @@ class LiveEngine(IdmEngine):
         car.settled = inf  # its driver changes no lanes
 
     def remove(self, index: int) -> None:
-        """Take a vehicle off the lanes, for good."""
+        """Take a vehicle off the lanes."""
         car = self.cars[index]
         self.controls.pop(index, None)
         self.absent.add(index)
         self.cancel_reservations(index, -inf)
         car.passages, car.granted, car.speed, car.acceleration = [], 0, 0.0, 0.0
+
+    def resume(self, index: int, station: float, hold_steps: int) -> None:
+        """Put a vehicle back on its path, at rest with its front axle at a station [m]; its driver goes on.
+
+        Args:
+            index: A vehicle that was removed.
+            station: Where it is on a lane and in no junction.
+            hold_steps: Steps in which it stands still.
+        """
+        car = self.cars[index]
+        for passage in car.plan.passages:
+            passage.requested_at = nan
+        car.follow(car.plan)
+        car.stand_at(station)
+        car.speed = car.acceleration = car.stopped_time = 0.0
+        car.segment = car.rear_segment = 0
+        car.place()
+        car.granted = sum(passage.first_segment <= car.segment for passage in car.passages)
+        car.stop_braking, car.settled = STOP_BRAKING, self.time
+        self.absent.discard(index)
+        self._held[index] = self.steps + hold_steps
 
     def place_bodies(self, bodies: Sequence[Body]) -> None:
         """Say where the bodies off the lanes are, for the next step."""
@@ -82,7 +105,7 @@ class LiveEngine(IdmEngine):
 
     def _desire(self, index: int, leader: Leader) -> float:
         control, car = self.controls.get(index), self.cars[index]
-        if index in self.absent:
+        if index in self.absent or self.steps < self._held.get(index, 0):
             return 0.0
         if control is not None and control.acceleration_m_s2 is not None:
             left = max(0.0, car.ends[-1] - STOP_SHORT - car.front - car.speed * PREVIEW)

@@ -71,6 +71,8 @@ class LiveTraffic:
         self.rows = 0
         self._presence = Presence(self._column)
         self._free: dict[str, FreeBody] = {}
+        self._resumed: dict[str, np.ndarray] = {}
+        """Vehicles that came back to their routes, and where they stood then."""
         if started is None:
             for row in range(-SETTLE_ROWS, 0):
                 vehicles.drive(row, self.seen)
@@ -139,11 +141,13 @@ class LiveTraffic:
         if name in self._free and control.pose is None and control.steering_rad is None:
             raise InputError(
                 f"control of {name!r}: has left its route by a pose, by steering or by remove; give steering_rad or "
-                "pose, or reset"
+                "pose, remove and add it, or reset"
             )
 
     def _set_free(self, name: str, column: int) -> None:
         now, before = self._poses[self.rows - 1, column], self._poses[max(self.rows - 2, 0), column]
+        if name in self._resumed:  # in the last row or in none yet: it stands
+            now, before = (np.where(np.isfinite(row), row, self._resumed[name]) for row in (now, before))
         self._take_off(name, column)
         self._free[name] = FreeBody.take_over(self._shape(column), before, now)
 
@@ -153,8 +157,9 @@ class LiveTraffic:
 
     def _take_off(self, name: str, column: int) -> None:
         """Take an actor off its route or track, or away from where it was placed."""
+        self._resumed.pop(name, None)
         if self._free.pop(name, None) is None and column < len(self._ranks):
-            self._vehicles.remove(self._ranks[column])
+            self._vehicles.remove(self._ranks[column], self.rows)
         self._poses[self.rows :, column] = np.nan
 
     def remove(self, name: str) -> None:
@@ -166,21 +171,49 @@ class LiveTraffic:
         self._presence.remove(name, self.rows)
         self._take_off(name, self._column[name])
 
-    def add(self, name: str, pose: Sequence[float]) -> None:
-        """Put an absent actor back from the next row on; it stays there until a control moves it.
+    def add(self, name: str, pose: Sequence[float] | None = None) -> None:
+        """Put an absent actor back from the next row on.
 
         Args:
             name: The actor.
-            pose: Body to world, x, y, z and a quaternion or a yaw.
+            pose: Body to world, x, y, z and a quaternion or a yaw; it stays there until a control moves it. None puts a
+                vehicle on its route, with its driver.
 
         Raises:
-            InputError: If there is no such actor, it is there, was removed in this very row, or the pose is none.
+            InputError: If there is no such actor, it is there, was removed in this very row, the pose is none, or there
+                is no safe place on the route. Nothing has changed then.
         """
-        place = unit_pose(pose, f"add {name!r}")
+        place = None if pose is None else unit_pose(pose, f"add {name!r}")
+        self._presence.check_add(name, self.rows)
+        if place is None:
+            self._resume(name)
+            return
         self._presence.add(name, self.rows)
         body = FreeBody.take_over(self._shape(self._column[name]), np.array(place), np.array(place))
         body.control, body.level = Control(pose=place), None
         self._free[name] = body
+
+    def _resume(self, name: str) -> None:
+        column = self._column[name]
+        if column >= len(self._ranks):
+            raise InputError(f"add {name!r}: is no vehicle on a lane; give its pose")
+        bodies = [*self.seen(0.0), *self._others()]
+        try:
+            pose = self._vehicles.resume(self._ranks[column], self.rows, bodies)
+        except InputError as error:
+            raise InputError(f"add {name!r}: {error}") from None
+        self._presence.add(name, self.rows)
+        self._resumed[name] = pose
+
+    def _others(self) -> list[Body]:
+        """Return the people and drones on tracks in the next row, as vehicles see bodies."""
+        found, row = [], min(self.rows, len(self._poses) - 1)
+        for column, track in enumerate(self._fixed, len(self._ranks)):
+            before, now = self._poses[max(row - 1, 0), column], self._poses[row, column]
+            if track.name not in self._free and np.isfinite(now).all():
+                before = np.where(np.isfinite(before), before, now)
+                found.append(FreeBody.take_over(_small_shape(track), before, now).seen(0.0))
+        return found
 
     def advance(self, rows: int) -> None:
         """Make the poses of rows up to a number.
@@ -199,6 +232,9 @@ class LiveTraffic:
                 ground = self._demand.ground if self._column[name] < len(self._ranks) else None
                 stands = self._presence.stands(name, self.rows)
                 row[self._column[name]] = body.pose if stands else body.advance(ground)
+            for name, pose in self._resumed.items():
+                if self._presence.stands(name, self.rows):
+                    row[self._column[name]] = pose
             self.rows += 1
 
     def close(self) -> None:

@@ -38,8 +38,24 @@ class LiveVehicles(Protocol):
         """Take a control of a vehicle on its route from the next step on; an empty one gives it back to its driver."""
         ...
 
-    def remove(self, rank: int) -> None:
-        """Take a vehicle off the lanes, for good."""
+    def remove(self, rank: int, row: int) -> None:
+        """Take a vehicle off the lanes before a row, the next one; poses of it do not count until it comes back."""
+        ...
+
+    def resume(self, rank: int, row: int, bodies: Sequence[Body]) -> np.ndarray:
+        """Put a vehicle that was removed back on its route, with its driver; return its pose, shape [7].
+
+        It stands there in `STILL_ROWS` rows at least, see `mmw.traffic.live.presence`; its poses count after these.
+
+        Args:
+            rank: The vehicle.
+            row: The next row, in which it is seen first.
+            bodies: All that is off the lanes, as vehicles see it.
+
+        Raises:
+            InputError: If there is no safe place, or the engine cannot do this; nothing has changed then. The message
+                goes on after the name of the call.
+        """
         ...
 
     def drive(self, row: int, seen: Seen) -> np.ndarray:

@@ -39,7 +39,13 @@ class Presence:
         self._absent[name] = row
 
     def add(self, name: str, row: int) -> None:
-        """Take an actor in from a row on, the next one.
+        """Take an actor in from a row on, the next one; errors as of `check_add`."""
+        self.check_add(name, row)
+        del self._absent[name]
+        self._still_until[name] = row + STILL_ROWS
+
+    def check_add(self, name: str, row: int) -> None:
+        """Check that an actor can come back in a row, the next one.
 
         Raises:
             InputError: If there is no such actor, it is there, or it is present in the row before.
@@ -49,8 +55,6 @@ class Presence:
             raise InputError(f"add {name!r}: is there already; remove it first, or give it Control(pose=...)")
         if self._absent[name] == row:
             raise InputError(f"add {name!r}: has just been removed and is still in the known frames; step first")
-        del self._absent[name]
-        self._still_until[name] = row + STILL_ROWS
 
     def check_name(self, call: str, name: str) -> None:
         """Check that there is an actor.

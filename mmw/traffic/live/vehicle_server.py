@@ -1,7 +1,7 @@
 """Drive the vehicles of several episodes of a scenario, in this process or in another one, up to the next decision."""
 
 from collections import defaultdict, deque
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +11,7 @@ from mmw.traffic.live.control import Control
 from mmw.traffic.live.idm_vehicles import IdmVehicles, rows_after
 from mmw.traffic.live.live_traffic import SeenBodies, Started, start_traffic
 from mmw.traffic.live.live_vehicles import SETTLE_ROWS, Seen
+from mmw.traffic.live.obstacles import Body
 from mmw.traffic.vehicle_pose import Shape
 
 NOBODY = SeenBodies()
@@ -38,12 +39,25 @@ class Drive:
     row: int
     controls: Sequence[tuple[int, Control]] = ()
     """Ranks and controls since the last decision, in their order."""
-    removed: Sequence[int] = ()
-    """Ranks of the vehicles that were taken off the lanes since."""
+    removed: Sequence[tuple[int, int]] = ()
+    """Ranks of the vehicles that were taken off the lanes since, and the rows before which they were."""
     seen: SeenBodies = NOBODY
 
 
-Call = Start | Drive
+@dataclass(frozen=True)
+class Resume:
+    """Ask for a vehicle to come back to its route, after controls and removals as of `Drive`."""
+
+    key: int
+    row: int
+    rank: int
+    bodies: Sequence[Body]
+    """As of `LiveVehicles.resume`."""
+    controls: Sequence[tuple[int, Control]] = ()
+    removed: Sequence[tuple[int, int]] = ()
+
+
+Call = Start | Drive | Resume
 
 
 @dataclass(frozen=True)
@@ -69,7 +83,15 @@ class Begun:
     """Pedestrians and cyclists."""
 
 
-Answer = Begun | Driven | Exception
+@dataclass(frozen=True)
+class Resumed:
+    """A vehicle that has come back."""
+
+    pose: np.ndarray
+    """Body to world, at rest, shape [7]."""
+
+
+Answer = Begun | Driven | Resumed | Exception
 
 
 class VehicleServer:
@@ -89,7 +111,8 @@ class VehicleServer:
             self._told.pop(key, None)
         starts = self._start([call for call in calls if isinstance(call, Start)])
         rows = self._advance([call for call in calls if isinstance(call, Drive)])
-        found = starts | {key: self._driven(key, own) for key, own in rows.items()}
+        found: dict[int, Answer] = {**starts, **{key: self._driven(key, own) for key, own in rows.items()}}
+        found |= {call.key: self._resume(call) for call in calls if isinstance(call, Resume)}
         return [found[call.key] for call in calls]
 
     def _start(self, calls: Sequence[Start]) -> dict[int, Begun | Exception]:
@@ -132,10 +155,7 @@ class VehicleServer:
         for call in calls:
             vehicles = self._vehicles[call.key]
             try:
-                for rank, control in call.controls:
-                    vehicles.command(rank, control)
-                for rank in call.removed:
-                    vehicles.remove(rank)
+                _obey(vehicles, call)
                 vehicles.decide(call.row, call.seen)
             except Exception as error:  # as above
                 found[call.key] = error
@@ -144,6 +164,15 @@ class VehicleServer:
         for (row, *_), keys in alike.items():
             found |= self._rows(keys, row)
         return found
+
+    def _resume(self, call: Resume) -> Resumed | Exception:
+        """Put a vehicle back on its route."""
+        vehicles = self._vehicles[call.key]
+        try:
+            _obey(vehicles, call)
+            return Resumed(vehicles.resume(call.rank, call.row, call.bodies))
+        except Exception as error:  # as above
+            return error
 
     def _rows(self, keys: Sequence[int], row: int) -> dict[int, np.ndarray | Exception]:
         """Return the poses of episodes, evaluated together; if that fails, each alone, to find the one at fault."""
@@ -162,12 +191,27 @@ class VehicleServer:
         return Driven(poses, changes[told:])
 
 
+def _obey(vehicles: IdmVehicles, call: Drive | Resume) -> None:
+    """Take controls, and vehicles off the lanes."""
+    for rank, control in call.controls:
+        vehicles.command(rank, control)
+    for rank, row in call.removed:
+        vehicles.remove(rank, row)
+
+
 class ServedVehicles:
     """`LiveVehicles` that a server drives: rows are asked for, taken, and then handed out one by one."""
 
-    def __init__(self, key: int, begun: Begun) -> None:
-        """Take an episode at its start, which the server knows by a key."""
+    def __init__(self, key: int, begun: Begun, resume: Callable[[Resume], np.ndarray]) -> None:
+        """Take an episode at its start.
+
+        Args:
+            key: Names it in calls of the server.
+            begun: What the server has made.
+            resume: Makes such a call and returns the pose; errors as of `resume`.
+        """
         self.key = key
+        self._make_resume = resume
         self.shapes, self.paints = begun.shapes, begun.paints
         self.cav_ranks, self.notes = begun.cav_ranks, begun.notes
         self.lane_changes: list[tuple[float, int, str, str]] = []
@@ -176,7 +220,7 @@ class ServedVehicles:
         """Whether the server has lost it, or may be ahead of what was taken."""
         self._rows: deque[np.ndarray] = deque()
         self._controls: list[tuple[int, Control]] = []
-        self._removed: list[int] = []
+        self._removed: list[tuple[int, int]] = []
         self.take(begun.driven)
 
     @property
@@ -192,9 +236,19 @@ class ServedVehicles:
         else:
             self._controls[last] = rank, control
 
-    def remove(self, rank: int) -> None:
-        """Take a vehicle off the lanes, for good."""
-        self._removed.append(rank)
+    def remove(self, rank: int, row: int) -> None:
+        """Take a vehicle off the lanes before a row, the next one."""
+        self._removed.append((rank, row))
+
+    def resume(self, rank: int, row: int, bodies: Sequence[Body]) -> np.ndarray:
+        """Put a vehicle back on its route, as `IdmVehicles.resume` does; the server answers at once.
+
+        Raises:
+            InputError: If there is no safe place; nothing has changed then.
+        """
+        call = Resume(self.key, row, rank, bodies, self._controls, self._removed)
+        self._controls, self._removed = [], []
+        return self._make_resume(call)
 
     def ask(self, row: int, seen: SeenBodies) -> Drive:
         """Return the call for the next row."""

@@ -107,11 +107,22 @@ class SumoVehicles:
         if self._changes_lanes:
             self._calls.append(("setLaneChangeMode", name, SUMO_CHANGES if control.is_empty else CONTROL_CHANGES))
 
-    def remove(self, rank: int) -> None:
+    def remove(self, rank: int, row: int) -> None:
         """Take a vehicle off the lanes, for good."""
         self._controls.pop(rank, None)
         self._absent.add(rank)
         self._calls.append(("remove", str(rank)))
+
+    def resume(self, rank: int, row: int, bodies: Sequence[Body]) -> np.ndarray:
+        """Refuse: SUMO forgets the route of a vehicle that is removed.
+
+        Raises:
+            InputError: In any case.
+        """
+        raise InputError(
+            "traffic.engine = 'sumo': a vehicle that was removed has no route to go back to; give a pose, or use "
+            "engine: idm"
+        )
 
     def close(self) -> None:
         """End SUMO."""

@@ -142,6 +142,26 @@ def test_episode_saved_in_the_first_frames_of_an_added_actor(live: mmw.Simulatio
         assert repr(own.select(table.column_names).to_pylist()) == repr(table.to_pylist())
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("more", [0, 3, 20])
+def test_saved_rows_of_a_vehicle_that_came_back_to_its_route(live: mmw.Simulation, more: int, tmp_path: Path) -> None:
+    """It stands, then its driver goes on: every row is the one that was seen, wherever the episode ends."""
+    frames = [live.reset()]
+    live.remove("cav_2")
+    frames += [live.step() for _ in range(4)]
+    live.add("cav_2")
+    frames += [live.step() for _ in range(more + 2)]
+    for frame in frames:
+        frame.trace("poses", "imu", "boxes")
+    assert present(frames, "cav_2") == [1, 2, *range(7, 8 + more)]
+    rows = [row for row in frames[6].table("poses").to_pylist() if row["agent"] == "cav_2"]
+    assert [rows[0][name] for name in ("vx", "vy", "vz", "wx", "wy", "wz")] == [0.0] * 6
+    saved = live.save(tmp_path / "saved")
+    assert verify([str(tmp_path / "saved")]) == 0
+    files = write_simulated(live, frames, tmp_path / "saved", tmp_path / "seen")
+    assert [name for name in files if (tmp_path / "seen" / name).read_bytes() != (saved.root / name).read_bytes()] == []
+
+
 def test_bad_calls_are_refused_and_nothing_has_changed(live: mmw.Simulation) -> None:
     live.reset()
     plain = live.step().table("poses")

@@ -1,6 +1,7 @@
 """Vehicles of several episodes that one server drives: the rows of each alone, bit for bit, and faults told apart."""
 
 import pickle
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from mmw.traffic.demand import TrafficDemand
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import LiveEngine
 from mmw.traffic.live.live_traffic import LiveTraffic, Started
-from mmw.traffic.live.vehicle_server import Begun, Driven, ServedVehicles, Start, VehicleServer
+from mmw.traffic.live.vehicle_server import Begun, Driven, Resume, Resumed, ServedVehicles, Start, VehicleServer
 from mmw.traffic.roads.lane_graph import LaneGraph
 from tests.fixtures.live_traffic import sedans_on
 from tests.fixtures.traffic_towns import oval
@@ -26,16 +27,34 @@ def ring() -> LaneGraph:
     return oval()
 
 
+def resume(server: VehicleServer, call: Resume) -> np.ndarray:
+    """Return the pose of a vehicle that comes back."""
+    (answer,) = server.answer([], pickle.loads(pickle.dumps([call])))
+    if isinstance(answer, InputError):
+        raise answer
+    assert isinstance(answer, Resumed)
+    return answer.pose
+
+
 def begin(server: VehicleServer, asked: TrafficDemand, seeds: range) -> dict[int, tuple[ServedVehicles, LiveTraffic]]:
     """Return the served vehicles and the traffic of episodes, by seed, which is their key."""
     found = {}
     for seed, begun in zip(seeds, server.answer([], [Start(k, k, None, ROWS) for k in seeds]), strict=True):
         assert isinstance(begun, Begun)
-        vehicles = ServedVehicles(seed, begun)
+        vehicles = ServedVehicles(seed, begun, partial(resume, server))
         traffic = LiveTraffic(asked.with_seed(seed), (), Started(vehicles, begun.people))
         traffic.advance(ROWS)
         found[seed] = vehicles, traffic
     return found
+
+
+def told_by(traffic: LiveTraffic, name: str) -> str:
+    """Add a vehicle without a pose, and return the error; an empty one if it is back."""
+    try:
+        traffic.add(name)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 def drawn(generator: np.random.Generator, names: list[str]) -> dict[str, Control | None]:
@@ -52,11 +71,11 @@ def drawn(generator: np.random.Generator, names: list[str]) -> dict[str, Control
 
 
 def test_rows_are_those_of_each_episode_alone(ring: LaneGraph) -> None:
-    """Many controls fall into one decision, few later; a vehicle is steered, and another one removed."""
+    """Many controls fall into one decision, few later; a vehicle is steered, another one removed; both come back."""
     asked, seeds = sedans_on(ring, frame_count=700), range(5, 9)
     server = VehicleServer(pickle.loads(pickle.dumps(asked)))
     served, alone = begin(server, asked, seeds), {seed: LiveTraffic(asked.with_seed(seed)) for seed in seeds}
-    generators = {seed: np.random.default_rng(seed) for seed in seeds}
+    generators, came = {seed: np.random.default_rng(seed) for seed in seeds}, 0
     for traffic in alone.values():
         traffic.advance(ROWS)
     for row in range(ROWS, 600):
@@ -69,6 +88,13 @@ def test_rows_are_those_of_each_episode_alone(ring: LaneGraph) -> None:
                 traffic.command(controls)
                 if row == 400 + seed:
                     traffic.remove("cav_2")
+                if row == 431:
+                    traffic.remove("cav_1")
+            for name in ("cav_1", "cav_2"):
+                if row >= 450 + seed and name in alone[seed]._presence.absent:
+                    told = [told_by(traffic, name) for traffic in (alone[seed], served[seed][1])]
+                    assert told[0] == told[1]
+                    came += not told[0]
         asking = [seed for seed in seeds if served[seed][0].must_ask]
         calls = [served[seed][0].ask(row, served[seed][1].seen) for seed in asking]
         for seed, driven in zip(asking, server.answer([], pickle.loads(pickle.dumps(calls))), strict=True):
@@ -80,7 +106,7 @@ def test_rows_are_those_of_each_episode_alone(ring: LaneGraph) -> None:
     for seed in seeds:
         assert served[seed][1].poses.tobytes() == alone[seed].poses.tobytes()
         assert served[seed][1].lane_changes == alone[seed].lane_changes
-    assert sum(len(traffic.lane_changes) for traffic in alone.values()) >= 3
+    assert sum(len(traffic.lane_changes) for traffic in alone.values()) >= 3 and came >= 6
 
 
 @pytest.mark.parametrize("where", ["decision", "rows"])
