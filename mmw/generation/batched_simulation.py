@@ -2,7 +2,8 @@
 
 import logging
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from operator import index
 
 import pyarrow as pa
@@ -209,10 +210,8 @@ class BatchedSimulation:
         made = []
         try:
             for (world, seed), own in zip(asked, started, strict=True):
-                try:
+                with self._named(world):
                     made.append(self._run.start_episode(seed, own))
-                except InputError as error:
-                    raise InputError(f"{self._name}, world {world}: {error}") from error
         except BaseException:
             for own in started:
                 own.vehicles.close()
@@ -238,11 +237,9 @@ class BatchedSimulation:
         given = [None] * len(chosen) if controls is None else list(controls)
         self._check_length("controls", given, chosen)
         for world, own in zip(chosen, given, strict=True):
-            try:
+            with self._named(world):
                 self._run.check_step(self._episodes[world], own)
                 self._episodes[world].traffic.check(own or {})
-            except InputError as error:
-                raise InputError(f"{self._name}, world {world}: {error}") from error
         self._decide([(world, own or {}) for world, own in zip(chosen, given, strict=True)])
         for world in chosen:
             self._episodes[world].go_on()
@@ -267,6 +264,49 @@ class BatchedSimulation:
             self._traffic.drive(asked)
         for traffic, own in later:  # not before, as an error moves no world
             traffic.obey(own)
+
+    def remove(self, world: int, name: str) -> None:
+        """Take an actor out of the traffic of a world, as `mmw.Simulation.remove` does.
+
+        Raises:
+            InputError: If there is no such world or actor, it is absent or stands still in the town, or the simulation
+                is closed. Nothing has changed then.
+            TrafficLostError: If its traffic was lost.
+        """
+        with self._named(self._going("remove", world)):
+            self._episodes[world].remove(name)
+
+    def add(self, world: int, name: str, pose: Sequence[float] | None = None) -> None:
+        """Put a removed actor back into the traffic of a world, as `mmw.Simulation.add` does.
+
+        Args:
+            world: The world.
+            name: An actor that was removed there, at least one step before.
+            pose: Body to world (x, y, z, qx, qy, qz, qw), or (x, y, z, yaw). Without one, a vehicle comes back to its
+                route with its driver.
+
+        Raises:
+            InputError: If there is no such world or actor, it is there or stands still in the town, the pose is not
+                finite, there is no safe place on the route, or the simulation is closed. Nothing has changed then.
+            TrafficLostError: If its traffic was or is lost; reset the world.
+        """
+        with self._named(self._going("add", world)):
+            self._episodes[world].add(name, pose)
+
+    def _going(self, method: str, world: int) -> int:
+        """Return a world whose traffic can go on."""
+        (chosen,) = self._chosen(method, [world])
+        assert self._traffic is not None
+        self._traffic.check(chosen, self._vehicles[chosen])
+        return chosen
+
+    @contextmanager
+    def _named(self, world: int) -> Iterator[None]:
+        """Name a world in errors."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self._name}, world {world}: {error}") from error
 
     def save(self, world: int, out: str | os.PathLike[str], *, overwrite: bool = False) -> Dataset:
         """Write the frames of the present episode of a world as a dataset, as `mmw.Simulation.save` does.

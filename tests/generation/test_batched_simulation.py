@@ -272,3 +272,70 @@ def test_worlds_need_the_engine_idm() -> None:
     config = mmw.load_config("quickstart", ["scenarios.town03_roundabout.traffic.engine=sumo"])
     with pytest.raises(InputError, match=r"traffic.engine = 'sumo': .*the engine idm alone"):
         mmw.BatchedSimulation(config, 2, device="cpu")
+
+
+def come_and_go(step, remove, add) -> list[Any]:
+    """Return what steps return while a CAV, a vehicle and a person go and come back, on a route and at a pose."""
+    out = [step({})]
+    place = out[0].agents["cav_2"].pose
+    for name in ("cav_2", "veh_001", "ped_001"):
+        remove(name)
+    out += [step({}) for _ in range(3)]
+    add("cav_2")
+    add("ped_001", [*place[:3], 0.5])
+    out += [step({}) for _ in range(2)]
+    out += [step({"cav_2": Control(target_speed_m_s=5.0)}), step({})]
+    remove("cav_1")
+    out += [step({}) for _ in range(2)]
+    add("veh_001", [place[0] + 3.0, *place[1:3], 1.0])
+    return out + [step({}) for _ in range(3)]
+
+
+@pytest.mark.slow
+def test_actors_come_and_go_in_one_world_as_in_a_simulation_of_its_own(
+    config: mmw.Config, batch: mmw.BatchedSimulation, tmp_path: Path
+) -> None:
+    """The other worlds keep theirs; rows are those of a single simulation bit for bit, also where motion ends."""
+
+    def step(controls: dict[str, Control]) -> Any:
+        frame = batch.step([{}, controls, {}])[1]
+        frame.trace()
+        batch.present[0].trace()
+        others.append(batch.present[0])
+        return frame
+
+    others: list[Any] = []
+    batch.reset([42, 43, 44])
+    frames = come_and_go(step, lambda name: batch.remove(1, name), lambda *args: batch.add(1, *args))
+    own = config.model_copy(update={"seed": 43, "scene_seed": 42})
+    with mmw.Simulation(own, mode="live", device="cpu") as alone:
+        alone.reset()
+        for frame, other in zip(frames, come_and_go(alone.step, alone.remove, alone.add), strict=True):
+            assert list(frame.agents) == list(other.agents)
+            for name in (*frame.data.tables, "paths"):
+                assert frame.data.read(name) == other.data.read(name), (frame.frame, name)
+    assert ["cav_2" in frame.agents for frame in frames[:8]] == [True, True, False, False, False, True, True, True]
+    with mmw.Simulation(config, mode="live", device="cpu") as alone:
+        alone.reset()
+        for frame in others:
+            other = alone.step()
+            for name in ("poses", "boxes", "lidar", "links", "path_gains", "imu"):
+                assert frame.data.read(name) == other.data.read(name), (frame.frame, name)
+    saved = batch.save(1, tmp_path / "saved")
+    assert verify([str(tmp_path / "saved")]) == 0
+    assert saved.frame(frames[5].scenario, "foggy", frames[5].frame).table("imu").num_rows == len(
+        frames[5].table("imu")
+    )
+
+
+def test_bad_removes_and_adds_name_the_world(batch: mmw.BatchedSimulation) -> None:
+    batch.reset([42, 43, 44])
+    for call, text in (
+        (lambda: batch.remove(1, "cav_9"), "world 1: remove 'cav_9': there is no such actor"),
+        (lambda: batch.remove(3, "cav_1"), "remove: there is no world 3; give 0 to 2"),
+        (lambda: batch.add(2, "cav_1"), "world 2: add 'cav_1': is there already"),
+        (lambda: batch.add(0, "rsu_1", [0, 0, 0, 0]), "world 0: add 'rsu_1': belongs to the town and stays"),
+    ):
+        with pytest.raises(InputError, match=text):
+            call()
+    assert all("cav_1" in frame.agents for frame in batch.step())

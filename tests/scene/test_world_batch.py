@@ -67,3 +67,25 @@ def test_random_keys_go_by_the_seed_and_number_of_each_world(scenes: list[SceneD
     assert np.array_equal(
         view_keys(alone, actor_views(alone, [0], sensor, actors), 42, "town"), view_keys(scenes[0], own, 9, "town")
     )
+
+
+def test_actor_that_goes_has_the_motion_of_its_own_world(scenes: list[SceneData]) -> None:
+    """Its last frame is an open end, which looks four poses back: at none of another world."""
+    apart = []
+    for world, scene in enumerate(scenes):
+        poses = np.full((6, *scene.poses.shape[1:]), np.nan)
+        poses[world % 2 : 5] = scene.poses[world % 2 :]
+        apart.append(poses)
+    apart[1][4, 2] = np.nan
+    batch = WorldBatch.of(scenes[0], np.concatenate(apart), NUMBERS, SEEDS, before=3)
+    assert np.array_equal(batch.frame_poses, np.stack([poses[3] for poses in apart]))
+    assert batch.frame_rows([2, 0]).tolist() == [15, 3] and batch.frame_row(1) == 9
+    found, whole = batch.motion(), differentiate(batch.poses, batch.pose_dt)
+    for world in range(3):
+        rows = slice(world % 2, 5)
+        own = differentiate(apart[world][rows], batch.pose_dt)
+        for name in ("velocity", "acceleration", "body_rate", "world_rate"):
+            expected = getattr(own, name)[3 - rows.start]
+            assert np.isfinite(expected).all()
+            for motion in (found, whole):
+                assert np.array_equal(getattr(motion, name).reshape(3, 6, -1, 3)[world, 3], expected)

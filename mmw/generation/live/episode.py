@@ -67,7 +67,17 @@ class Episode:
         self.frame += 1
         self.traffic.advance(self.frame + 2)
 
-    def check_moving(self, call: str, name: str) -> None:
+    def remove(self, name: str) -> None:
+        """Take an actor out of the scene; errors as of `LiveTraffic.remove`, also if it is part of the town."""
+        self._check_moving("remove", name)
+        self.traffic.remove(name)
+
+    def add(self, name: str, pose: Sequence[float] | None) -> None:
+        """Put an actor back into the scene; errors as of `LiveTraffic.add`, also if it is part of the town."""
+        self._check_moving("add", name)
+        self.traffic.add(name, pose)
+
+    def _check_moving(self, call: str, name: str) -> None:
         """Check that an actor is no part of the town.
 
         Raises:
@@ -79,6 +89,18 @@ class Episode:
     def _kind(self) -> tuple[object, ...]:
         """Return what episodes have in common whose rows are made at once."""
         return *self._layout, len(self.traffic.names), self._next
+
+    def poses_apart(self, frame: int) -> np.ndarray:
+        """Return the poses of `arrays`, for a batch of worlds in which none reads those of another one.
+
+        Returns:
+            `BEFORE` poses before the frame, that of the frame, the one after it and NaN, shape [BEFORE + 3, V, 7]; NaN
+            also before the first frame that is known.
+        """
+        own = self.arrays(frame).poses
+        out = np.full((BEFORE + 3, *own.shape[1:]), np.nan)
+        out[len(out) - 1 - len(own) : -1] = own
+        return out
 
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""

@@ -354,16 +354,12 @@ class LiveRun:
         return self.frame()
 
     def remove(self, name: str) -> None:
-        """Take an actor out of the scene; errors as of `LiveTraffic.remove`, also if the simulation is closed."""
-        _, episode = self._present("remove")
-        episode.check_moving("remove", name)
-        episode.traffic.remove(name)
+        """Take an actor out of the scene; errors as of `Episode.remove`, also if the simulation is closed."""
+        self._present("remove")[1].remove(name)
 
     def add(self, name: str, pose: Sequence[float] | None) -> None:
-        """Put an actor back into the scene; errors as of `LiveTraffic.add`, also if the simulation is closed."""
-        _, episode = self._present("add")
-        episode.check_moving("add", name)
-        episode.traffic.add(name, pose)
+        """Put an actor back into the scene; errors as of `Episode.add`, also if the simulation is closed."""
+        self._present("add")[1].add(name, pose)
 
     def save(self, out: str | os.PathLike[str], overwrite: bool) -> Dataset:
         """Write the frames of this episode as a dataset.

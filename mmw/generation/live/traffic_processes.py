@@ -201,7 +201,10 @@ class TrafficProcesses:
         (answer,) = self._exchange([(world, call)])
         if isinstance(answer, InputError):
             raise answer
-        self._check([(world, call)], [answer])
+        if not isinstance(answer, Resumed):
+            for vehicles in self._held[world % len(self._servers)]:
+                vehicles.is_lost |= vehicles.key == call.key
+            self._check([(world, call)], [answer])
         assert isinstance(answer, Resumed)
         return answer.pose
 

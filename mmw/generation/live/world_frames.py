@@ -18,7 +18,7 @@ from mmw.channel.paths import PathSet
 from mmw.core.errors import InputError
 from mmw.core.later import start_all
 from mmw.generation.capture import channel_links, channel_rows, trace_channel
-from mmw.generation.live.episode import Episode, poses_around
+from mmw.generation.live.episode import BEFORE, Episode, poses_around
 from mmw.generation.live.frame_tables import (
     FrameTables,
     LiveFrame,
@@ -244,9 +244,12 @@ class WorldFrames:
     @cached_property
     def _arrays(self) -> WorldBatch:
         data = self._worlds.world.batch.arrays
-        poses = poses_around(self._moments, NEIGHBORS)
+        poses, before = poses_around(self._moments, NEIGHBORS), NEIGHBORS
+        is_there = np.isfinite(poses[..., 0]).reshape(len(self._moments), 2 * NEIGHBORS + 1, -1)
+        if (is_there != is_there[:, NEIGHBORS, None]).any():  # motion begins or ends there, and looks farther
+            poses, before = np.concatenate([episode.poses_apart(number) for episode, number in self._moments]), BEFORE
         numbers, seeds = zip(*((number, episode.seed) for episode, number in self._moments), strict=True)
-        return WorldBatch.of(data, poses, numbers, seeds)
+        return WorldBatch.of(data, poses, numbers, seeds, before)
 
     @cached_property
     def _whole(self) -> Batch:

@@ -134,6 +134,46 @@ def test_error_in_a_process_names_the_world(asked: TrafficDemand, monkeypatch: p
         pool.close()
 
 
+def test_vehicle_comes_back_through_a_process_and_loses_its_world_if_that_dies(asked: TrafficDemand) -> None:
+    poses = []
+    for processes in (0, 2):
+        pool = TrafficProcesses("test", asked, processes)
+        try:
+            worlds = begin(pool, asked, range(3))
+            go_on(pool, worlds, 40)
+            worlds[1][1].remove("cav_2")
+            go_on(pool, worlds, 12)
+            worlds[1][1].add("cav_2")
+            with pytest.raises(InputError, match="add 'cav_2': is there already"):
+                worlds[1][1].add("cav_2")
+            go_on(pool, worlds, 60)
+            poses.append([traffic.poses.tobytes() for _, traffic in worlds.values()])
+            if processes:
+                worlds[1][1].remove("cav_2")
+                go_on(pool, worlds, 3)
+                os.kill(pids(pool)[1], signal.SIGKILL)
+                with pytest.raises(
+                    TrafficLostError, match="test, world 1: the process of the traffic died by signal 9"
+                ):
+                    worlds[1][1].add("cav_2")
+                assert [vehicles.is_lost for vehicles, _ in worlds.values()] == [False, True, False]
+        finally:
+            pool.close()
+    assert poses[0] == poses[1]
+
+
+def test_fault_while_a_vehicle_comes_back_loses_its_world_alone(asked: TrafficDemand) -> None:
+    pool = TrafficProcesses("test", asked, 1)
+    try:
+        worlds = begin(pool, asked, range(3))
+        go_on(pool, worlds, 10)
+        with pytest.raises(TrafficLostError, match=r"test, world 1: its traffic failed: IndexError: .*; reset"):
+            worlds[1][0].resume(99, worlds[1][1].rows, [])  # there is no such vehicle
+        assert [vehicles.is_lost for vehicles, _ in worlds.values()] == [False, True, False]
+    finally:
+        pool.close()
+
+
 def test_demand_that_cannot_be_met_names_the_world_and_leaves_the_others(asked: TrafficDemand) -> None:
     pool = TrafficProcesses("test", asked, 2)
     try:
