@@ -7,7 +7,8 @@ encoded on the device (`--files`). The median of several rounds counts,
 after a warm-up. Images are rendered in pieces of as many as a run of `mmw` takes at once.
 
 `--stages` also times each kernel alone, with waits between them, and counts the threads of those that trace. A thread
-casts one ray at most: none where a pixel shows the sky, a surface faces away from the sun or a tile sticks out.
+casts one ray at most: none where a pixel shows the sky, a surface faces away from the sun, a tile sticks out or a list
+has room left.
 """
 
 import argparse

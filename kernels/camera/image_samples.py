@@ -61,6 +61,8 @@ def row_of_thread(picture: Picture, thread: int) -> int:
     if view >= views:
         further = thread - views * down * across * TILE * TILE
         if picture.extras.shaded.shape[0] > 0:
+            if further >= picture.extras.shaded_count[0]:
+                return -1
             return picture.extras.shaded[further]
         return picture.extras.first + further
     inside = tile - view * down * across
@@ -135,6 +137,8 @@ def flagged_row_kernel(
 ):
     """List the rows of flagged threads in their order; the first of a word goes to its place `first`.
 
+    Those for which there is no room are left out.
+
     Launch: dim=words.
     """
     word = wp.tid()
@@ -143,6 +147,6 @@ def flagged_row_kernel(
         return
     place = first[word]
     for byte in range(8):
-        if ((flags >> wp.uint64(8 * byte)) & wp.uint64(1)) == wp.uint64(1):
+        if ((flags >> wp.uint64(8 * byte)) & wp.uint64(1)) == wp.uint64(1) and place < row_out.shape[0]:
             row_out[place] = row_of_thread(picture, thread_offset + 8 * word + byte)
             place += 1

@@ -103,12 +103,12 @@ class SunGrid:
     """Unit vector along columns, square to the sun."""
     along: wp.vec3
     """Unit vector along rows, square to both."""
-    low: wp.vec2
-    """Corner of the first cell [m]."""
+    low: wp.array[wp.vec2]
+    """Corner of the first cell [m], shape [1]."""
+    size: wp.array[wp.vec2i]
+    """Columns and rows, shape [1]; both are in memory as they change with the batch."""
     cell: float
     """Side of a cell [m]."""
-    columns: int
-    rows: int
     margin: float
     """Margin of the discs around the instances [m]: rays go to all of the sun's disc."""
 
@@ -129,28 +129,38 @@ class Sun:
 @wp.func
 def sun_group(grid: SunGrid, batch_index: int, point: wp.vec3) -> int:
     """Return the cell of a point as a group of `Candidates`, -1 outside of the grid, where nothing is shaded."""
-    column = int(wp.floor((wp.dot(grid.across, point) - grid.low[0]) / grid.cell))
-    row = int(wp.floor((wp.dot(grid.along, point) - grid.low[1]) / grid.cell))
-    if column < 0 or row < 0 or column >= grid.columns or row >= grid.rows:
+    low = grid.low[0]
+    size = grid.size[0]
+    column = int(wp.floor((wp.dot(grid.across, point) - low[0]) / grid.cell))
+    row = int(wp.floor((wp.dot(grid.along, point) - low[1]) / grid.cell))
+    if column < 0 or row < 0 or column >= size[0] or row >= size[1]:
         return -1
-    return (batch_index * grid.rows + row) * grid.columns + column
+    return (batch_index * size[1] + row) * size[0] + column
 
 
 @wp.kernel
 def sun_candidates_kernel(
     scene: Scene,
     grid: SunGrid,
+    batch_size: int,
     # out
     candidates_out: Candidates,
 ):
     """List the instances that can shade points of each cell.
 
-    Launch: dim=(slots, rows, columns).
+    Launch: dim=room for the cells of all slots, of which there are `batch_size`.
     """
-    batch_index, row, column = wp.tid()
-    group = (batch_index * grid.rows + row) * grid.columns + column
-    x = grid.low[0] + (float(column) + 0.5) * grid.cell
-    y = grid.low[1] + (float(row) + 0.5) * grid.cell
+    group = wp.tid()
+    size = grid.size[0]
+    cells = size[0] * size[1]
+    if group >= batch_size * cells:
+        return
+    batch_index = group // cells
+    row = (group - batch_index * cells) // size[0]
+    column = group % size[0]
+    low = grid.low[0]
+    x = low[0] + (float(column) + 0.5) * grid.cell
+    y = low[1] + (float(row) + 0.5) * grid.cell
     half = 0.5 * grid.cell
     count = wp.int32(0)
     for instance in range(scene.instance_count):

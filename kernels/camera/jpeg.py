@@ -288,9 +288,13 @@ def write_bits_kernel(
 ):
     """Write the bits of every block, and ones behind the last of an image up to a whole byte; words come in as 0.
 
+    Nothing is written where there is no room for all words.
+
     Launch: dim=A x blocks.
     """
     block = wp.tid()
+    if words_up_to[words_up_to.shape[0] - 1] > words_out.shape[0]:
+        return
     view = block // layout.blocks
     begin = bits_between(bits_up_to, view * layout.blocks, block)
     first = sum_before(words_up_to, view)
@@ -306,7 +310,7 @@ def count_full_kernel(
     # out
     full_out: wp.array[int],
 ):
-    """Count the bytes of every word that are 255: a file has a 0 behind each. Launch: dim=words."""
+    """Count the bytes of every word that are 255: a file has a 0 behind each. Launch: dim=room for words."""
     k = wp.tid()
     count = wp.int32(0)
     for i in range(4):
@@ -322,7 +326,7 @@ def write_bytes_kernel(
     # out
     bytes_out: wp.array[wp.uint8],
 ):
-    """Write the bytes of every word, the highest first, and a 0 behind each 255. Launch: dim=words."""
+    """Write the bytes of every word, the highest first, and a 0 behind each 255. Launch: dim=room for words."""
     k = wp.tid()
     at = 4 * k + sum_before(full_up_to, k)
     for i in range(4):
@@ -343,8 +347,15 @@ def spans_kernel(
     # out
     spans_out: wp.array2d[int],
 ):
-    """Find the first byte of every image and the one behind its last, shape [A, 2]. Launch: dim=A."""
+    """Find the first byte of every image and the one behind its last, shape [A, 2]; 0 where words have no room.
+
+    Launch: dim=A.
+    """
     view = wp.tid()
+    spans_out[view, 0] = 0
+    spans_out[view, 1] = 0
+    if words_up_to[words_up_to.shape[0] - 1] > full_up_to.shape[0]:
+        return
     word = sum_before(words_up_to, view)
     first = view * layout.blocks
     bits = bits_between(bits_up_to, first, first + layout.blocks)

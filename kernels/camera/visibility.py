@@ -16,7 +16,7 @@ from mmw.kernels.core.trace import (
     surface_of,
     world_normal,
 )
-from mmw.kernels.shading.structs import AppearanceTable, Samples
+from mmw.kernels.shading.structs import AppearanceTable, Extras, Samples
 from mmw.kernels.shading.surface_point import distance_to_face, is_cut_out, ray_hit
 
 wp.set_module_options(PICTURE_RAYS)
@@ -224,11 +224,14 @@ def guess_kernel(
 
     The nearest of these faces on its ray is what a sample shows, unless one of another object lies before it in a pixel
     about it: the sample may show another face of that object, as at the outline of a round pole. Those samples, and
-    the ones whose rays miss all four faces, are traced: their flag is 1.
+    the ones whose rays miss all four faces, are traced: their flag is 1, and a source without a face is their own row.
 
-    Launch: dim=further samples, block_dim=64.
+    Launch: dim=room for further samples, block_dim=64.
     """
     extra = wp.tid()
+    if extra >= picture.extras.count[0] * picture.extras.offset.shape[0]:
+        is_traced_out[extra] = wp.uint8(0)
+        return
     samples = picture.samples
     ray = ray_of(picture, picture.extras.first + extra)
     source = wp.int32(-1)
@@ -264,15 +267,27 @@ def guess_kernel(
         is_known = found <= front * (1.0 + STEP)
         if not is_known:
             is_known = object_of(scene, stored_hit(samples, source)) == object_of(scene, stored_hit(samples, front_row))
-    source_out[extra] = source
+    source_out[extra] = wp.where(source >= 0, source, picture.extras.first + extra)
     is_traced_out[extra] = wp.where(is_known, wp.uint8(0), wp.uint8(1))
+
+
+@wp.kernel
+def trace_all_kernel(
+    extras: Extras,
+    # out
+    source_out: wp.array[int],
+    is_traced_out: wp.array[wp.uint8],
+):
+    """Let all further samples be traced: 1 for those that there are. Launch: dim=room for further samples."""
+    extra = wp.tid()
+    source_out[extra] = extras.first + extra
+    is_traced_out[extra] = wp.where(extra < extras.count[0] * extras.offset.shape[0], wp.uint8(1), wp.uint8(0))
 
 
 @wp.kernel
 def source_kernel(
     scene: Scene,
     picture: Picture,
-    traced: wp.array[int],
     # out
     source_out: wp.array[int],
     is_shaded_out: wp.array[wp.uint8],
@@ -281,10 +296,13 @@ def source_kernel(
 
     A sample without such a pixel is shaded for itself: its source is its own row and its flag 1.
 
-    Launch: dim=further samples that were traced, block_dim=64.
+    Launch: dim=room for further samples that were traced, in `Extras.shaded`; block_dim=64.
     """
     thread = wp.tid()
-    row = traced[thread]
+    if thread >= picture.extras.shaded_count[0]:
+        is_shaded_out[thread] = wp.uint8(0)
+        return
+    row = picture.extras.shaded[thread]
     extra = row - picture.extras.first
     samples = picture.samples
     source = wp.int32(-1)

@@ -24,8 +24,9 @@ class Scene:
     """Object id of each town face, shape [M]."""
     town_surface: wp.array[int]
     """Surface id of each town face, shape [M]."""
-    instances: wp.uint64
-    """wp.Bvh id over instance boxes, grouped by batch index; item = batch_index * V + instance."""
+    instances: wp.array[wp.uint64]
+    """wp.Bvh id over instance boxes, grouped by batch index, shape [1]; item = batch_index * V + instance. It is in
+    memory as each batch has another one, which recorded launches must find."""
     group_root: wp.array[int]
     """BVH root of each frame's group, shape [S]; -1 where the frame has no instance present."""
     instance_count: int

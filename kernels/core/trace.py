@@ -224,7 +224,7 @@ def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function]:
         if root >= 0:  # -1 would search every frame's vehicles
             first = batch_index * scene.instance_count
             item = wp.int32(0)
-            query = wp.bvh_query_ray(scene.instances, origin, direction, root)
+            query = wp.bvh_query_ray(scene.instances[0], origin, direction, root)
             while wp.bvh_query_next(query, item, near.t):
                 instance = item - first
                 if instance != ignore:
@@ -305,7 +305,7 @@ def occluded(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3
     if root >= 0 and not blocked:  # -1 would search every frame's vehicles
         first = batch_index * scene.instance_count
         item = wp.int32(0)
-        query = wp.bvh_query_ray(scene.instances, origin, direction, root)
+        query = wp.bvh_query_ray(scene.instances[0], origin, direction, root)
         while not blocked and wp.bvh_query_next(query, item, t_max):
             instance = item - first
             if instance != ignore:
@@ -318,13 +318,16 @@ def group_root_kernel(
     instances: wp.uint64,
     # out
     group_root_out: wp.array[int],
+    instances_out: wp.array[wp.uint64],
 ):
-    """Look up the root of each frame's group, -1 for a frame without vehicles.
+    """Look up the root of each frame's group, -1 for a frame without vehicles, and store the BVH's id.
 
     Launch: dim=S, block_dim=64, after every build.
     """
     batch_index = wp.tid()
     group_root_out[batch_index] = wp.bvh_get_group_root(instances, batch_index)
+    if batch_index == 0:
+        instances_out[0] = instances
 
 
 @wp.kernel

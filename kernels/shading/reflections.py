@@ -41,7 +41,9 @@ class Reflections:
     """Reflected rays and their hits."""
 
     row: wp.array[int]
-    """Sample that each was sent from."""
+    """Sample that each was sent from; there is room for more."""
+    count: wp.array[int]
+    """Number of reflected rays, shape [1]; threads beyond do nothing."""
     samples: Samples
     surfaces: Surfaces
     sun: wp.array[wp.uint8]
@@ -165,13 +167,14 @@ def alike_beside(picture: Picture, surfaces: Surfaces, row: int, side: int) -> i
 
 @wp.kernel
 def reflection_number_kernel(
-    row: wp.array[int],
+    reflections: Reflections,
     # out
     number_out: wp.array[int],
 ):
-    """Write the number of each reflected ray to the row of its sample. Launch: dim=reflected rays."""
+    """Write the number of each reflected ray to the row of its sample. Launch: dim=room for reflected rays."""
     ray = wp.tid()
-    number_out[row[ray]] = ray
+    if ray < reflections.count[0]:
+        number_out[reflections.row[ray]] = ray
 
 
 @wp.func
@@ -211,16 +214,18 @@ def reflection_trace_kernel(
     scene: Scene,
     picture: Picture,
     surfaces: Surfaces,
-    row: wp.array[int],
+    reflections: Reflections,
     # out
     samples_out: Samples,
 ):
     """Trace reflected rays.
 
-    Launch: dim=reflected rays, block_dim=64.
+    Launch: dim=room for reflected rays, block_dim=64.
     """
     number = wp.tid()
-    ray = reflected_ray(picture, surfaces, row[number])
+    if number >= reflections.count[0]:
+        return
+    ray = reflected_ray(picture, surfaces, reflections.row[number])
     batch_index = ray.source.batch_index
     near = closest_hit_raw(scene, batch_index, ray.start, ray.direction, REFLECTION_LENGTH_M, -1)
     store(scene, batch_index, near, ray.direction, number, samples_out)
@@ -238,9 +243,11 @@ def reflection_surface_kernel(
 ):
     """Read colors, roughness and normals of what reflected rays hit.
 
-    Launch: dim=reflected rays, block_dim=64.
+    Launch: dim=room for reflected rays, block_dim=64.
     """
     number = wp.tid()
+    if number >= reflections.count[0]:
+        return
     face = reflections.samples.face[number]
     if face < 0:
         return
@@ -264,9 +271,11 @@ def reflection_sun_kernel(
 ):
     """Send a ray to the sun from what reflected rays hit: 255 where it arrives, else 0.
 
-    Launch: dim=reflected rays, block_dim=64.
+    Launch: dim=room for reflected rays, block_dim=64.
     """
     number = wp.tid()
+    if number >= reflections.count[0]:
+        return
     is_lit = wp.bool(False)
     if reflections.samples.face[number] >= 0:
         normal = unpack_unit(reflections.samples.normal[number])

@@ -79,9 +79,11 @@ def reflection_shade_kernel(
 ):
     """Shade what reflected rays bring [kcd/m2].
 
-    Launch: dim=reflected rays, block_dim=256.
+    Launch: dim=room for reflected rays, block_dim=256.
     """
     number = wp.tid()
+    if number >= reflections.count[0]:
+        return
     ray = reflected_ray(picture, surfaces, reflections.row[number])
     away = ray.direction
     if reflections.samples.face[number] < 0:
@@ -286,6 +288,8 @@ def resolve_kernel(
     Launch: dim=E.
     """
     edge = wp.tid()
+    if edge >= extras.count[0]:
+        return
     count = extras.offset.shape[0]
     total = radiance[extras.row[edge]]
     for k in range(count):
@@ -302,6 +306,8 @@ def put_back_kernel(
 ):
     """Write the averages to their pixels, after all of them are made. Launch: dim=E."""
     edge = wp.tid()
+    if edge >= extras.count[0]:
+        return
     radiance_out[extras.row[edge]] = mean[edge]
 
 

@@ -207,9 +207,11 @@ def further_sun_kernel(
 ):
     """Send one ray to the sun from every further sample that is shaded: 255 where it arrives, else 0.
 
-    Launch: dim=further samples that are shaded, block_dim=64.
+    Launch: dim=room for further samples that are shaded, block_dim=64.
     """
     row = row_of_thread(picture, wp.tid() + thread_offset)
+    if row < 0:
+        return
     sun_out[row] = wp.where(sun_of_row(scene, picture, sun, row), wp.uint8(255), wp.uint8(0))
 
 

@@ -102,12 +102,18 @@ class Samples:
 
 @wp.struct
 class Extras:
-    """The further rays of pixels on edges: K in each, rows `first + edge * K + k` of the samples."""
+    """The further rays of pixels on edges: K in each, rows `first + edge * K + k` of the samples.
+
+    Lists have room for more rows than there are, and launches have threads for all of that room; threads beyond the
+    number of rows, which only the device knows, do nothing.
+    """
 
     first: int
     """Row of the first one: the number of pixel centers."""
     row: wp.array[int]
     """Row of the pixel's center, shape [E]."""
+    count: wp.array[int]
+    """Number of pixels on edges, shape [1]."""
     offset: wp.array[wp.vec2]
     """Place of the k-th ray from the pixel's center [px], shape [K]."""
     source: wp.array[int]
@@ -115,6 +121,8 @@ class Extras:
     own."""
     shaded: wp.array[int]
     """Rows of those that bring their own; while it is being found out whose light they bring, of those to trace."""
+    shaded_count: wp.array[int]
+    """Number of rows in `shaded`, shape [1]."""
 
 
 MATT = wp.constant(wp.uint8(0))

@@ -27,6 +27,9 @@ KEPT_KINDS = 256
 Layout = tuple[tuple[int, ...], Any]
 """Shape and Warp type of an array; a vector is the last axis of the values on the host."""
 
+HostViews = Callable[[np.ndarray], list[np.ndarray]]
+"""Returns the arrays in a block of bytes on the host."""
+
 _free: dict[tuple[str, tuple[Layout, ...], bool], deque["PackedArrays"]] = {}
 """Blocks that nobody uses."""
 
@@ -117,6 +120,18 @@ def device_arrays(device: str, layouts: Sequence[Layout]) -> list[wp.array]:
     """
     offsets, size = _offsets(layouts)
     return _views(wp.empty(size, dtype=wp.uint8, device=device), layouts, offsets)
+
+
+def packed_block(device: str, layouts: Sequence[Layout]) -> tuple[wp.array, list[wp.array], HostViews]:
+    """Return a block of bytes on a device, arrays that share it, and what finds them in a copy of it on the host.
+
+    Args:
+        device: Warp device.
+        layouts: Shape and type of each array.
+    """
+    offsets, size = _offsets(layouts)
+    block = wp.empty(size, dtype=wp.uint8, device=device)
+    return block, _views(block, layouts, offsets), lambda host: _host_views(host, layouts, offsets)
 
 
 def padded_count(count: int) -> int:

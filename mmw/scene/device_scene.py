@@ -278,6 +278,7 @@ class DeviceScene:
             setattr(struct, name, array)
             array.zero_()
         struct.group_root = wp.full(frames, -1, dtype=wp.int32, device=self.device)
+        struct.instances = wp.zeros(1, dtype=wp.uint64, device=self.device)
         self._instances: wp.Bvh | None = None
 
     def load_batch(self, frames: Sequence[int]) -> None:
@@ -296,7 +297,7 @@ class DeviceScene:
         self._load_poses(rows)
         if self._optical is not None:  # its arrays of poses are these
             self._optical.batch_frames, self._optical.sweep_s = self.batch_frames, self.sweep_s
-            self._optical._instances, self._optical.struct.instances = self._instances, self.struct.instances
+            self._optical._instances = self._instances
 
     def _load_poses(self, rows: np.ndarray) -> None:
         if self.struct.instance_count == 0:
@@ -339,12 +340,12 @@ class DeviceScene:
         )
         # A new BVH every time: rebuilding in place would have the groups of the first build.
         tree = wp.Bvh(self._lower, self._upper, constructor=self._instance_constructor, groups=self._group)
-        self._instances, struct.instances = tree, tree.id
+        self._instances = tree
         wp.launch(
             trace.group_root_kernel,
             dim=self.max_batch_frames,
             inputs=[tree.id],
-            outputs=[struct.group_root],
+            outputs=[struct.group_root, struct.instances],
             device=self.device,
             block_dim=64,  # as all kernels of its module: a second block size would compile the module twice
         )

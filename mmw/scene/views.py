@@ -5,6 +5,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -55,14 +56,15 @@ class Views:
             device: Warp device name.
             origin: World position of the scene frame's origin [m], shape [3] (`DeviceScene.origin`); zero if absent.
         """
+        return views_struct([wp.array(value, dtype=kind, device=device) for value, kind in self.values(origin)])
+
+    def values(self, origin: np.ndarray | None = None) -> list[tuple[np.ndarray, Any]]:
+        """Return values and types of the fields of `structs.Views`; see `to_device`."""
         pose = self.pose.copy()
         if origin is not None:
             pose[:, :3] -= origin
-        views = structs.Views()
-        views.batch_index = wp.array(self.batch_index, dtype=wp.int32, device=device)
-        views.pose = wp.array(pose.astype(np.float32), dtype=wp.transformf, device=device)
-        views.ignore = wp.array(self.ignore_instance, dtype=wp.int32, device=device)
-        return views
+        poses = pose.astype(np.float32), wp.transformf
+        return [(self.batch_index, wp.int32), poses, (self.ignore_instance, wp.int32)]
 
     def write(self, scene: DeviceScene, columns: Sequence[np.ndarray]) -> None:
         """Write the views to the host side of arrays of `VIEW_TYPES`, after the check of `for_scene`.
@@ -83,6 +85,13 @@ class Views:
         """
         scene.check_loaded("view", self.batch_index, self.frame)
         return self.to_device(scene.device, scene.origin)
+
+
+def views_struct(fields: Sequence[wp.array]) -> structs.Views:
+    """Return views as an argument of kernels, see `Views.values`."""
+    views = structs.Views()
+    views.batch_index, views.pose, views.ignore = fields
+    return views
 
 
 def sensor_actors(arrays: SceneData, sensor: SensorConfig) -> np.ndarray:

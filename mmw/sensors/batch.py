@@ -11,6 +11,7 @@ from mmw.config import Config, ScenarioConfig, SensorConfig
 from mmw.config.air import AirConfig
 from mmw.core.kinematics import Motion
 from mmw.core.later import Later
+from mmw.core.recorded_work import DirectWork, RecordedWork, Work
 from mmw.core.remember import remembered
 from mmw.core.timing import StageTimer
 from mmw.kernels.shading import structs as shading
@@ -41,7 +42,7 @@ class Batch:
     """See `SensorInput.cached`."""
     puts_off: bool = False
     """True: what threads of the pool would make waits until it is asked for, as in a live frame: most of it is never
-    looked at."""
+    looked at. And launches are recorded, as the same ones come again with every frame."""
     _views: dict[tuple[int, ...], SensorViews] = field(default_factory=dict, init=False, repr=False)
     """Views of the last frames that were asked for."""
 
@@ -57,6 +58,14 @@ class Batch:
     def encoder(self) -> Encoder:
         """Encoder that submits images to the pool."""
         return Encoder(self.pool, puts_off=self.puts_off)
+
+    @property
+    def work(self) -> Work:
+        """Runs the launches of cameras; in a live frame they are recorded, as they come again with every step."""
+        key = "work of cameras", self.puts_off
+        if key not in self.cache:
+            self.cache[key] = (RecordedWork if self.puts_off else DirectWork)(self.scene.device)
+        return self.cache[key]
 
     def submit(self, call: Callable[..., Any], *args: Any) -> Future:
         """Return the future of `call(*args)`, which a thread makes."""

@@ -3,7 +3,7 @@
 from typing import Any
 
 from mmw.core.errors import InputError
-from mmw.core.packed_arrays import device_arrays
+from mmw.core.recorded_work import NewArrays
 
 BLOCK_DIM = 64
 """Threads of a block for kernels that query a BVH, whose stacks lie in shared memory."""
@@ -26,17 +26,5 @@ def check_count(sensor: str, views: int, rays: int, returns: int = 1) -> None:
 
 
 def empty_struct(struct: Any, shape: int | tuple[int, ...], device: str, **shapes: int | tuple[int, ...]) -> Any:
-    """Return a struct of arrays of one shape, but for those with a shape of their own; a kernel writes the values.
-
-    The arrays lie in one block of memory: an allocation costs the same for one as for all.
-    """
-    names = list(struct.vars)
-    layouts = [(_shape(shapes.get(name, shape)), struct.vars[name].type.dtype) for name in names]
-    result = struct()
-    for name, array in zip(names, device_arrays(device, layouts), strict=True):
-        setattr(result, name, array)
-    return result
-
-
-def _shape(shape: int | tuple[int, ...]) -> tuple[int, ...]:
-    return (shape,) if isinstance(shape, int) else shape
+    """Return a struct of new arrays, see `NewArrays.struct`; a kernel writes the values."""
+    return NewArrays(device).struct(struct, shape, **shapes)

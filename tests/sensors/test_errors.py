@@ -12,7 +12,7 @@ from mmw.cli.run import main
 from mmw.config import ConfigError, load_config
 from mmw.generation.configuration_warnings import configuration_warnings
 from mmw.sensors import DepthCamera, Gnss, Imu, Lidar, Radar, RgbCamera
-from mmw.sensors.camera_group import capture as cameras
+from mmw.sensors.camera_group import launch_images as cameras
 from tests.fixtures.own_world import STAGE, write_own_world
 from tests.fixtures.scenes import two_cars
 

@@ -2,13 +2,15 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.recorded_work import Work
 from mmw.core.remember import remembered
-from mmw.core.transfer import numpy_type, to_host
+from mmw.core.transfer import numpy_type
 from mmw.kernels.shading import structs as shading
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
@@ -97,22 +99,21 @@ def trace_launch(
     scene: DeviceScene,
     launch: Launch,
     alpha_cutouts: "shading.AppearanceTable | None",
-    *,
-    with_surfaces: bool = True,
+    **options: Any,
 ) -> SampleBuffer:
-    """Trace the pixels of a launch; see `trace_samples`."""
+    """Trace the pixels of a launch; see `trace_samples`, which takes the options."""
     range_m = TRACED_RANGE * launch.range_m
-    return trace_samples(scene, launch.views, launch.intrinsics, range_m, alpha_cutouts, with_surfaces=with_surfaces)
+    return trace_samples(scene, launch.views, launch.intrinsics, range_m, alpha_cutouts, **options)
 
 
-def images_of(images: wp.array, camera: LaunchCamera) -> np.ndarray:
-    """Return one camera's images of those of a launch, on the host."""
+def images_of(work: Work, images: wp.array, camera: LaunchCamera) -> np.ndarray:
+    """Return one camera's images of those of a launch, on the host, where they stay."""
     rows = camera.rows
     if not len(rows):
         kind, element = numpy_type(images)
         return np.empty((0, *images.shape[1:], *element), dtype=kind)
     begin, end = int(rows.min()), int(rows.max()) + 1
-    (found,) = to_host([images[begin:end]])
+    (found,) = work.to_host([images[begin:end]])
     return found if np.array_equal(rows, np.arange(begin, end)) else found[rows - begin]
 
 
@@ -153,12 +154,12 @@ def _groups(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
     """Return the cameras by their settings, in the order of the first of each."""
     groups: dict[str, list[RgbCamera]] = {}
     for camera in cameras:
-        groups.setdefault(_settings(camera), []).append(camera)
+        groups.setdefault(settings_of(camera), []).append(camera)
     return list(groups.values())
 
 
 @remembered()
-def _settings(camera: RgbCamera) -> str:
+def settings_of(camera: RgbCamera) -> str:
     """Return the keys that are equal within a launch, as text."""
     return camera.model_dump_json(exclude=OWN_KEYS)
 

@@ -20,9 +20,10 @@ def record_depth(
 ) -> None:
     """Add the images of one depth camera; they are the same in every weather, so each is encoded once."""
     sensor, views, scenario = camera.sensor, launched.take(camera.rows), batch.scenario.name
+    is_exact = sensor.format == "float32"
     with batch.clock.stage("depth images"):
-        depth = images_of(images.depth, camera)
-        metres = metre_lists(views, images_of(images.depth_m, camera) if sensor.format == "float32" else None)
+        depth = images_of(batch.work, images.depth, camera)
+        metres = metre_lists(views, images_of(batch.work, images.depth_m, camera) if is_exact else None)
     encoded = [batch.encoder.submit(encode_depth, image) for image in depth]
     for weather, tables in collected.items():
         rows = image_rows(batch.arrays, sensor.name, views, {"image": ("", encoded)}, scenario, weather)

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.recorded_work import NewArrays
 from mmw.core.transfer import to_host
 from mmw.core.transforms import compose, invert, rotate, transform_points
 from mmw.kernels.camera import boxes_2d as kernels
@@ -53,6 +54,11 @@ class VisiblePixels:
     bounds: np.ndarray
     """Smallest rectangle around them, (u_min, v_min, u_max, v_max) at pixel edges [px], shape [A, K, 4], int32; no
     meaning where there is no pixel."""
+
+    @classmethod
+    def of(cls, pixels: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> "VisiblePixels":
+        """Return what `count_pixels` found, on the host."""
+        return cls(pixels, np.concatenate([lower, upper], axis=2))
 
 
 @dataclass(frozen=True)
@@ -102,19 +108,39 @@ def visible_pixels(object_id: wp.array, wanted: Sequence[int] | np.ndarray) -> V
         wanted: K different object ids, such as those of the actors that have boxes.
     """
     ids = np.asarray(wanted, dtype=np.int32)
+    arrays = NewArrays(object_id.device)
+    place_of = wp.array(object_places(ids), dtype=int, device=object_id.device)
+    return VisiblePixels.of(*to_host(count_pixels(object_id, place_of, len(ids), arrays)))
+
+
+def object_places(wanted: np.ndarray) -> np.ndarray:
+    """Return the place of each object among some wanted ids, -1 for the others, shape [largest id + 1], int32."""
+    place_of = np.full(int(wanted.max(initial=-1)) + 1, -1, dtype=np.int32)
+    place_of[wanted] = np.arange(len(wanted))
+    return place_of
+
+
+def count_pixels(object_id: wp.array, place_of: wp.array, wanted: int, arrays: NewArrays) -> list[wp.array]:
+    """Return the pixels that show each wanted object, and the corners of the smallest rectangle around them.
+
+    Args:
+        object_id: Object in each pixel, -1 for nothing, shape [A, H, W], int32.
+        place_of: From `object_places`.
+        wanted: Wanted objects, K.
+        arrays: Source of arrays.
+
+    Returns:
+        Number, (u_min, v_min) and (u_max, v_max) at pixel edges [px], shapes [A, K], [A, K, 2] and [A, K, 2], int32.
+    """
     views, height, width = object_id.shape
-    count, device = len(ids), object_id.device
-    if not views or not count:
-        return VisiblePixels(np.zeros((views, count), np.int32), np.zeros((views, count, 4), np.int32))
-    place_of = np.full(int(ids.max()) + 1, -1, dtype=np.int32)
-    place_of[ids] = np.arange(count)
-    pixels = wp.zeros((views, count), dtype=int, device=device)
-    lower = wp.full((views, count, 2), max(height, width), dtype=int, device=device)
-    upper = wp.zeros((views, count, 2), dtype=int, device=device)
-    inputs, strips = [object_id, wp.array(place_of, dtype=int, device=device)], -(-height // STRIP)
-    wp.launch(kernels.visible_boxes_kernel, (views, strips, width), inputs, [pixels, lower, upper], device=device)
-    count_of, least, most = to_host([pixels, lower, upper])
-    return VisiblePixels(count_of, np.concatenate([least, most], axis=2))
+    pixels = arrays.full((views, wanted), 0, int)
+    lower = arrays.full((views, wanted, 2), max(height, width), int)
+    upper = arrays.full((views, wanted, 2), 0, int)
+    if views and wanted:
+        launch = views, -(-height // STRIP), width
+        inputs = [object_id, place_of]
+        wp.launch(kernels.visible_boxes_kernel, launch, inputs, [pixels, lower, upper], device=object_id.device)
+    return [pixels, lower, upper]
 
 
 def image_boxes(arrays: SceneData, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels) -> Boxes2d:

@@ -5,6 +5,9 @@ files are those of `mmw.storage.codecs.images.encode_rgb`, byte for byte, which 
 transform below quality 96, with its accurate one from there on.
 """
 
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,8 +16,9 @@ import numpy as np
 import simplejpeg
 import warp as wp
 
-from mmw.core.transfer import to_host
+from mmw.core.recorded_work import DirectWork, NewArrays, Work
 from mmw.kernels.camera import jpeg
+from mmw.sensors.render.row_lists import ListShares, RowLists
 
 END = b"\xff\xd9"
 """Marker of a file's end. Source: ITU-T T.81, table B.1, as are the others."""
@@ -22,6 +26,9 @@ END = b"\xff\xd9"
 ACCURATE_FROM = 96
 """Quality from which libjpeg-turbo's TurboJPEG interface takes the accurate transform; below it, the fast one, whatever
 `fastdct` says."""
+
+BLOCK_WORDS = 53
+"""Most words of 32 bits that a block takes: 26 bits for each of 64 values, and what its image ends with."""
 
 
 @dataclass(frozen=True)
@@ -108,11 +115,99 @@ def fast_divisors(steps: np.ndarray) -> np.ndarray:
     return (steps * factor + 2**10) >> 11
 
 
+@dataclass(frozen=True)
+class _Coding:
+    """Constants of the coding of images of one size, on a device."""
+
+    layout: "jpeg.Layout"
+    header: bytes
+    is_fast: bool
+    divisors: wp.array
+    """Of lightness and colors, shape [2, 64], int32."""
+    place: wp.array
+    """`zigzag`."""
+    codes: wp.array
+    """`Tables.codes`."""
+
+
+@lru_cache(maxsize=16)
+def _coding(width: int, height: int, quality: int, subsampling: str, device: str) -> _Coding:
+    tables = read_tables(width, height, quality, subsampling)
+    layout = jpeg.Layout()
+    layout.width, layout.height, layout.step = width, height, 2 if subsampling == "4:2:0" else 1
+    layout.columns = -(-width // (8 * layout.step))
+    layout.blocks = layout.columns * -(-height // (8 * layout.step)) * (layout.step**2 + 2)
+    is_fast = quality < ACCURATE_FROM
+    divisors = fast_divisors(tables.steps) if is_fast else accurate_divisors(tables.steps)
+    divided, place = (wp.array(values, dtype=int, device=device) for values in (divisors, zigzag()))
+    codes = wp.array(tables.codes, dtype=wp.uint32, device=device)
+    return _Coding(layout, tables.header, is_fast, divided, place, codes)
+
+
+@dataclass(frozen=True)
+class CodedImages:
+    """Bytes of the files of all images of an array, on the device; they hold if the lists of the launch fit."""
+
+    coding: _Coding
+    body: wp.array
+    """The files without their headers and ends; there is room for more. uint8."""
+    spans: wp.array
+    """First byte of each image's file and the one behind its last, shape [A, 2], int32."""
+
+
+def code_images(images: wp.array, quality: int, subsampling: str, lists: RowLists) -> CodedImages:
+    """Launch what codes images, without a wait; `jpeg_files` says what they are and what comes out.
+
+    Args:
+        images: sRGB values, shape [A, H, W, 3], uint8; A > 0.
+        quality: 1 to 100.
+        subsampling: `4:2:0` or `4:4:4`.
+        lists: Lists of the launch, one of which is that of the words of the files.
+    """
+    count, height, width, _ = images.shape
+    coding = _coding(width, height, quality, subsampling, str(images.device))
+    arrays, layout, device = lists.arrays, coding.layout, images.device
+    total = count * layout.blocks
+    rows, values = (arrays.empty((total, 64), wp.int16) for _ in range(2))
+    inputs = [images, layout, coding.is_fast]
+    wp.launch(jpeg.rows_kernel, (count, layout.blocks, 8), inputs, [rows], device=device)
+    inputs = [rows, layout, coding.is_fast, coding.divisors, coding.place]
+    wp.launch(jpeg.columns_kernel, (total, 8), inputs, [values], device=device)
+    bits, words_up_to = arrays.empty(total, wp.int64), arrays.empty(count, int)
+    nowhere = arrays.empty(0, wp.uint32)
+    wp.launch(jpeg.count_bits_kernel, total, [values, layout, coding.codes, nowhere], [bits], device=device)
+    wp.utils.array_scan(bits, bits)
+    wp.launch(jpeg.count_words_kernel, count, [bits, layout], [words_up_to], device=device)
+    wp.utils.array_scan(words_up_to, words_up_to)
+    room = lists.room("words", BLOCK_WORDS * total)
+    lists.count("words", room, words_up_to, count - 1)
+    words = arrays.full(room, 0, wp.uint32)
+    inputs = [values, layout, coding.codes, bits, words_up_to]
+    wp.launch(jpeg.write_bits_kernel, total, inputs, [words], device=device)
+    full = arrays.empty(room, int)
+    wp.launch(jpeg.count_full_kernel, room, [words], [full], device=device)
+    wp.utils.array_scan(full, full)
+    spans = arrays.empty((count, 2), int)
+    wp.launch(jpeg.spans_kernel, count, [bits, words_up_to, full, layout], [spans], device=device)
+    body = arrays.empty(8 * room, wp.uint8)  # each byte may have a 0 behind it
+    wp.launch(jpeg.write_bytes_kernel, room, [words, full], [body], device=device)
+    return CodedImages(coding, body, spans)
+
+
+def read_files(coded: Sequence[CodedImages], spans: Sequence[np.ndarray], work: Work) -> list[list[bytes]]:
+    """Return the files of each of some coded images, given their spans on the host, after one wait for the device."""
+    bodies = work.to_host([some.body[: int(span[-1, 1])] for some, span in zip(coded, spans, strict=True)])
+    return [
+        [b"".join((some.coding.header, memoryview(body)[begin:end], END)) for begin, end in span.tolist()]
+        for some, body, span in zip(coded, bodies, spans, strict=True)
+    ]
+
+
 def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> list[list[bytes]]:
     """Return images as JPEG files.
 
     `mmw.storage.codecs.images.encode_rgb`, for images in the machine's memory, writes the same bytes. The device is
-    waited for three times, however many images there are: beside other processes each wait takes some milliseconds.
+    waited for twice, however many images there are: beside other processes each wait takes some milliseconds.
 
     Args:
         pictures: sRGB values, in arrays of one shape [A, H, W, 3], uint8. An image of 27 million pixels and an array
@@ -125,87 +220,11 @@ def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> 
     """
     if not pictures or not len(pictures[0]):
         return [[] for _ in pictures]
-    _, height, width, _ = pictures[0].shape
-    tables = read_tables(width, height, quality, subsampling)
-    layout = jpeg.Layout()
-    layout.width, layout.height, layout.step = width, height, 2 if subsampling == "4:2:0" else 1
-    layout.columns = -(-width // (8 * layout.step))
-    layout.blocks = layout.columns * -(-height // (8 * layout.step)) * (layout.step**2 + 2)
-    device = pictures[0].device
-    is_fast = quality < ACCURATE_FROM
-    divisors = fast_divisors(tables.steps) if is_fast else accurate_divisors(tables.steps)
-    transform = is_fast, *(wp.array(values, dtype=int, device=device) for values in (divisors, zigzag()))
-    codes = wp.array(tables.codes, dtype=wp.uint32, device=device)
-    blocks = [_blocks(images, layout, transform, codes) for images in pictures]
-    word_counts = to_host([some.words_up_to[-1:] for some in blocks])
-    bits = [_bits(some, layout, codes, int(count[0])) for some, count in zip(blocks, word_counts, strict=True)]
-    spans = to_host([some.spans for some in bits])
-    bodies = to_host([_bytes(some, int(span[-1, 1])) for some, span in zip(bits, spans, strict=True)])
-    return [
-        [b"".join((tables.header, memoryview(body)[begin:end], END)) for begin, end in span.tolist()]
-        for body, span in zip(bodies, spans, strict=True)
-    ]
-
-
-@dataclass(frozen=True)
-class _Blocks:
-    """Blocks of all images of an array, not yet written."""
-
-    values: wp.array
-    """Transformed, divided, in the file's order, shape [A x blocks, 64], int16."""
-    bits_up_to: wp.array
-    """Bits up to each block, shape [A x blocks], int64."""
-    words_up_to: wp.array
-    """Words of 32 bits up to each image, shape [A], int32."""
-
-
-@dataclass(frozen=True)
-class _Bits:
-    """Coded blocks of all images of an array, without the zeros behind full bytes."""
-
-    words: wp.array
-    """Bits, the first of a word is its highest, shape [words], uint32."""
-    full_up_to: wp.array
-    """Full bytes up to each word, shape [words], int32."""
-    spans: wp.array
-    """First byte of each image's file and the one behind its last, zeros counted, shape [A, 2], int32."""
-
-
-def _blocks(
-    images: wp.array, layout: "jpeg.Layout", transform: tuple[bool, wp.array, wp.array], codes: wp.array
-) -> _Blocks:
-    """Transform and count; `transform` is whether it is the fast one, divisors and places in the file."""
-    is_fast, *tables = transform
-    device, count = images.device, len(images)
-    total = count * layout.blocks
-    rows, values = (wp.empty((total, 64), dtype=wp.int16, device=device) for _ in range(2))
-    wp.launch(jpeg.rows_kernel, (count, layout.blocks, 8), [images, layout, is_fast], [rows], device=device)
-    wp.launch(jpeg.columns_kernel, (total, 8), [rows, layout, is_fast, *tables], [values], device=device)
-    bits, words = wp.empty(total, dtype=wp.int64, device=device), wp.empty(count, dtype=int, device=device)
-    nowhere = wp.empty(0, dtype=wp.uint32, device=device)
-    wp.launch(jpeg.count_bits_kernel, dim=total, inputs=[values, layout, codes, nowhere], outputs=[bits], device=device)
-    wp.utils.array_scan(bits, bits)
-    wp.launch(jpeg.count_words_kernel, dim=count, inputs=[bits, layout], outputs=[words], device=device)
-    wp.utils.array_scan(words, words)
-    return _Blocks(values, bits, words)
-
-
-def _bits(blocks: _Blocks, layout: "jpeg.Layout", codes: wp.array, word_count: int) -> _Bits:
-    device = blocks.values.device
-    words = wp.zeros(word_count, dtype=wp.uint32, device=device)
-    inputs = [blocks.values, layout, codes, blocks.bits_up_to, blocks.words_up_to]
-    wp.launch(jpeg.write_bits_kernel, len(blocks.values), inputs, [words], device=device)
-    full = wp.empty(word_count, dtype=int, device=device)
-    wp.launch(jpeg.count_full_kernel, dim=word_count, inputs=[words], outputs=[full], device=device)
-    wp.utils.array_scan(full, full)
-    count = len(blocks.words_up_to)
-    spans = wp.empty((count, 2), dtype=int, device=device)
-    wp.launch(jpeg.spans_kernel, count, [blocks.bits_up_to, blocks.words_up_to, full, layout], [spans], device=device)
-    return _Bits(words, full, spans)
-
-
-def _bytes(bits: _Bits, end: int) -> wp.array:
-    """Return the files' bytes; the last word may have three more than the last file."""
-    body = wp.empty(end + 3, dtype=wp.uint8, device=bits.words.device)
-    wp.launch(jpeg.write_bytes_kernel, len(bits.words), [bits.words, bits.full_up_to], [body], device=body.device)
-    return body
+    count, height, width, _ = pictures[0].shape
+    work, shares = DirectWork(str(pictures[0].device)), ListShares()
+    while True:
+        lists = RowLists(NewArrays(work.device), shares, count * height * width)
+        coded = [code_images(images, quality, subsampling, lists) for images in pictures]
+        counts, *spans = work.to_host([lists.counts, *(some.spans for some in coded)])
+        if lists.fit(counts):
+            return read_files(coded, spans, work)

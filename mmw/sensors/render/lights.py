@@ -100,11 +100,11 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     return level
 
 
-def load_brakes(scene: DeviceScene) -> wp.array:
-    """Return `brake_levels` of the loaded batch on the device, shape [max_batch_frames, V], for all weathers."""
+def batch_brakes(scene: DeviceScene) -> np.ndarray:
+    """Return `brake_levels` of the loaded batch, shape [max_batch_frames, V], float32, for all weathers."""
     level = np.full(scene.struct.instance_pose.shape, -1.0, dtype=np.float32)
     level[: scene.batch_size] = brake_levels(scene.arrays, scene.batch_frames)
-    return wp.array(level, dtype=wp.float32, device=scene.device)
+    return level
 
 
 def find_street_lights(arrays: SceneData, name: str) -> np.ndarray:
@@ -164,12 +164,12 @@ def _beams(arrays: SceneData) -> tuple[np.ndarray, np.ndarray]:
 def make_lights(scene: DeviceScene, name: str, weather: Weather) -> kernels.Lights:
     """Return the lights of a scene in one weather.
 
-    All but `brake` holds for every batch; set that from `load_brakes` whenever another batch is loaded.
+    All but `brake` holds for every batch; set that from `batch_brakes` whenever another batch is loaded.
     """
     arrays, device = scene.arrays, scene.device
     result = kernels.Lights()
     result.is_on, result.is_street_on = vehicle_lights_on(weather), street_lights_on(weather)
-    result.brake = load_brakes(scene)
+    result.brake = wp.array(batch_brakes(scene), dtype=wp.float32, device=device)
     result.beam_color, result.street_color = _of_luminance_1(BEAM_COLOR), _of_luminance_1(STREET_COLOR)
     instances, starts = _beams(arrays)
     result.beam_count = len(instances) if result.is_on else 0

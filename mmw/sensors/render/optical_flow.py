@@ -36,7 +36,7 @@ def image_motion(buffer: SampleBuffer, twists: tuple[wp.array, wp.array], time_s
         time_s: Time from the frame on [s]; one frame for the flow image.
     """
     device = buffer.scene.device
-    motion = wp.empty(buffer.shape, dtype=wp.vec2, device=device)
+    motion = buffer.arrays.empty(buffer.shape, wp.vec2)
     if motion.size:
         inputs = [buffer.scene.struct, buffer.on_device, *twists, buffer.camera, buffer.samples, time_s]
         wp.launch(kernels.image_motion_kernel, buffer.launch, inputs, [motion], device=device, block_dim=BLOCK_DIM)

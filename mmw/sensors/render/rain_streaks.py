@@ -11,6 +11,7 @@ import math
 import warp as wp
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.recorded_work import NewArrays
 from mmw.kernels.camera import camera as camera_kernels
 from mmw.kernels.camera import rain_streaks as kernels
 from mmw.kernels.core import structs
@@ -64,6 +65,7 @@ def streak_cover(
     camera: camera_kernels.Camera,
     t: wp.array,
     rain: kernels.Rain,
+    arrays: NewArrays | None = None,
 ) -> wp.array:
     """Return the opacity of the streaks in each pixel, times `kernels.streaks.COVER_SCALE`, shape [A, H, W], int32.
 
@@ -74,8 +76,10 @@ def streak_cover(
         camera: The camera.
         t: Distance of what each pixel shows [m], row (view * H + v) * W + u; inf for sky (`SampleBuffer.samples.t`).
         rain: The drops; see `make_rain`.
+        arrays: Source of arrays; new ones if absent.
     """
-    cover = wp.zeros((len(keys), camera.height, camera.width), dtype=int, device=keys.device)
+    arrays = arrays or NewArrays(keys.device)
+    cover = arrays.full((len(keys), camera.height, camera.width), 0, int)
     most = math.ceil(rain.count + 6.0 * math.sqrt(rain.count))  # a Poisson number stays below, but once in 1e9
     if len(keys) and most:
         inputs = [views, *twists, keys, camera, t, rain]

@@ -6,6 +6,7 @@
 import warp as wp
 
 from mmw.core.constants import FRAME_DT
+from mmw.core.recorded_work import NewArrays
 from mmw.kernels.camera import tone_mapping as kernels
 from mmw.sensors.render.image_config import ExposureConfig, ImageConfig
 
@@ -21,7 +22,9 @@ def exposure_of_ev100(ev100: float) -> float:
     return 1000.0 / (SATURATION * 2.0**ev100)
 
 
-def make_exposure(config: ExposureConfig, radiance: wp.array, weather_exposure: float) -> wp.array:
+def make_exposure(
+    config: ExposureConfig, radiance: wp.array, weather_exposure: float, arrays: NewArrays | None = None
+) -> wp.array:
     """Return the exposure of each picture, the factor on kcd/m2 that makes 1 white, shape [A], float32.
 
     `fixed` takes `ev100`, or else the weather's own exposure. `auto` brings the geometric mean of the luminance of each
@@ -32,15 +35,17 @@ def make_exposure(config: ExposureConfig, radiance: wp.array, weather_exposure: 
         config: Exposure section.
         radiance: Light [kcd/m2], shape [A, H, W], vec3.
         weather_exposure: Fixed exposure of the weather (`kernels.sky.Sky.exposure`) [1/(kcd/m2)].
+        arrays: Source of arrays; new ones if absent.
     """
+    arrays = arrays or NewArrays(radiance.device)
     (views, height, width), device = radiance.shape, radiance.device
     brighter = 2.0**config.ev_compensation
     if config.mode == "fixed":
         own = weather_exposure if config.ev100 is None else exposure_of_ev100(config.ev100)
-        return wp.full(views, brighter * own, dtype=float, device=device)
-    exposure = wp.empty(views, dtype=float, device=device)
+        return arrays.full(views, brighter * own, float)
+    exposure = arrays.empty(views, float)
     if views:
-        log_sum = wp.empty((views, width), dtype=float, device=device)
+        log_sum = arrays.empty((views, width), float)
         wp.launch(kernels.meter_kernel, (views, width), [radiance], [log_sum], device=device)
         limits = (exposure_of_ev100(config.max_ev100), exposure_of_ev100(config.min_ev100))
         wp.launch(kernels.auto_exposure_kernel, views, [log_sum, height, brighter, *limits], [exposure], device=device)
@@ -56,6 +61,7 @@ def tone_map(
     motion: wp.array | None = None,
     cover: wp.array | None = None,
     drop_light: wp.vec3 | None = None,
+    arrays: NewArrays | None = None,
 ) -> wp.array:
     """Return pictures, sRGB, shape [A, H, W, 3], uint8, on the device of the light.
 
@@ -71,6 +77,7 @@ def tone_map(
             blur.
         cover: Opacity of streaks, shape [A, H, W], int (`mmw.sensors.render.rain_streaks`).
         drop_light: Luminance of a falling drop [kcd/m2]; with `cover`.
+        arrays: Source of arrays; new ones if absent.
 
     Raises:
         ValueError: If a step is on and what it needs is missing.
@@ -85,18 +92,18 @@ def tone_map(
             raise ValueError(
                 f"tone_map: {key} is on and {name} is None; the step needs it; pass {name}, or turn it off"
             )
-    device = radiance.device
+    arrays = arrays or NewArrays(radiance.device)
     film = kernels.Film()
     film.exposure = exposure
-    film.key = keys if config.noise.enabled else wp.empty(0, dtype=wp.vec2ui, device=device)
-    film.motion = motion if config.motion_blur else wp.empty((0, 0, 0), dtype=wp.vec2, device=device)
+    film.key = keys if config.noise.enabled else arrays.empty(0, wp.vec2ui)
+    film.motion = motion if config.motion_blur else arrays.empty((0, 0, 0), wp.vec2)
     film.blur_share = 0.001 * config.shutter_ms / FRAME_DT
-    film.cover = wp.empty((0, 0, 0), dtype=int, device=device) if cover is None else cover
+    film.cover = arrays.empty((0, 0, 0), int) if cover is None else cover
     film.drop_light = wp.vec3() if drop_light is None else drop_light
     film.full_well = config.noise.full_well if config.noise.enabled else 0.0
     film.read_noise = config.noise.read_noise
     film.tone_map = kernels.TONE_ACES if config.tone_map == "aces" else kernels.TONE_NONE
-    image = wp.empty((*radiance.shape, 3), dtype=wp.uint8, device=device)
+    image = arrays.empty((*radiance.shape, 3), wp.uint8)
     if image.size:
-        wp.launch(kernels.tone_mapping_kernel, radiance.shape, [radiance, film], [image], device=device)
+        wp.launch(kernels.tone_mapping_kernel, radiance.shape, [radiance, film], [image], device=arrays.device)
     return image

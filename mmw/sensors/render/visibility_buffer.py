@@ -4,13 +4,13 @@
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 
 import numpy as np
 import warp as wp
 
 from mmw.core.camera_models import Intrinsics
-from mmw.core.transfer import HostCopy
+from mmw.core.recorded_work import NewArrays
 from mmw.kernels.camera import camera as camera_kernels
 from mmw.kernels.camera import depth as depth_kernels
 from mmw.kernels.camera import image_samples as picture
@@ -20,8 +20,8 @@ from mmw.kernels.core import structs
 from mmw.kernels.shading import structs as shading
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
-from mmw.sensors.ray_batch import empty_struct
 from mmw.sensors.render.camera import BLOCK_DIM, device_camera, tiles
+from mmw.sensors.render.row_lists import RowList, RowLists, empty_flags
 
 EXTRA_OFFSETS = {
     1: (),
@@ -57,6 +57,8 @@ class SampleBuffer:
     """Instances that the rays of each tile can hit."""
     alpha_cutouts: "shading.AppearanceTable | None"
     """Appearance of a scene with cut-out textures."""
+    arrays: NewArrays
+    """Source of the arrays of what is made of it."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -70,17 +72,17 @@ class SampleBuffer:
 
     @property
     def further(self) -> int:
-        """Further samples; see `Extras`."""
+        """Further samples that there is room for; see `Extras`."""
         return len(self.extras.row) * len(self.extras.offset)
 
     @property
     def count(self) -> int:
-        """All samples."""
+        """All samples that there is room for."""
         return self.extras.first + self.further
 
     @property
     def shading_threads(self) -> int:
-        """Threads that work on all samples that are shaded."""
+        """Threads for all samples that are shaded."""
         return self.threads + len(self.extras.shaded)
 
     @cached_property
@@ -97,10 +99,10 @@ class SampleBuffer:
         return tiles(len(self.views), self.intrinsics)
 
 
-def empty_samples(count: int, device: str, *, with_surfaces: bool) -> shading.Samples:
-    """Return room for samples on a device; `surface` and `normal` are empty unless asked for."""
+def empty_samples(count: int, arrays: NewArrays, *, with_surfaces: bool) -> shading.Samples:
+    """Return room for samples; `surface` and `normal` are empty unless asked for."""
     details = count if with_surfaces else 0
-    return empty_struct(shading.Samples, count, device, surface=details, normal=details)
+    return arrays.struct(shading.Samples, count, surface=details, normal=details)
 
 
 def trace_samples(
@@ -111,6 +113,9 @@ def trace_samples(
     alpha_cutouts: "shading.AppearanceTable | None" = None,
     *,
     with_surfaces: bool = True,
+    arrays: NewArrays | None = None,
+    on_device: "structs.Views | None" = None,
+    further: int | None = None,
 ) -> SampleBuffer:
     """Trace one ray through the center of every pixel, (u + 0.5, v + 0.5).
 
@@ -121,60 +126,81 @@ def trace_samples(
         range_m: Longest depth along the optical axis [m].
         alpha_cutouts: Appearance of a scene with cut-out textures, whose holes rays pass; None where it has none.
         with_surfaces: Keep surface ids and normals too, which pictures need and depth does not.
+        arrays: Source of arrays; new ones if absent.
+        on_device: The views on the device, if they are there.
+        further: Further samples that there is room for, if not `ROOM_FOR_EXTRAS`.
 
     Raises:
         ValueError: If a view's frame is not loaded in the scene.
     """
+    arrays = arrays or NewArrays(scene.device)
     count = len(views) * intrinsics.height * intrinsics.width
-    none = _extras(count, no_rows(str(scene.device)), ())
-    room = int(ROOM_FOR_EXTRAS * count) if with_surfaces else 0
-    samples = empty_samples(count + room, scene.device, with_surfaces=with_surfaces)
+    nothing = RowList(no_rows(scene.device), no_count(scene.device))
+    if further is None:
+        further = int(ROOM_FOR_EXTRAS * count) if with_surfaces else 0
+    samples = empty_samples(count + further, arrays, with_surfaces=with_surfaces)
     camera = device_camera(intrinsics, range_m)
-    on_device = views.for_scene(scene)
-    candidates = _tile_candidates(scene, on_device, len(views), intrinsics, camera)
-    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, candidates, alpha_cutouts)
+    if on_device is None:
+        on_device = views.for_scene(scene)
+    candidates = _tile_candidates(scene, on_device, len(views), intrinsics, camera, arrays)
+    none = _extras(count, nothing, ())
+    buffer = SampleBuffer(scene, views, on_device, intrinsics, camera, samples, none, candidates, alpha_cutouts, arrays)
     _trace(buffer, 0, buffer.threads)
     return buffer
 
 
-def empty_candidates(groups: int, scene: DeviceScene) -> structs.Candidates:
-    """Return room for the instances that groups of rays can hit."""
-    candidates = structs.Candidates()
-    candidates.count = wp.zeros(groups, dtype=int, device=scene.device)
-    candidates.instance = wp.empty((groups, max(scene.struct.instance_count, 1)), dtype=wp.int16, device=scene.device)
+def empty_candidates(groups: int, scene: DeviceScene, arrays: NewArrays) -> structs.Candidates:
+    """Return room for the instances that groups of rays can hit, with none."""
+    shape = (groups, max(scene.struct.instance_count, 1))
+    candidates = arrays.struct(structs.Candidates, groups, instance=shape)
+    if groups:
+        candidates.count.zero_()
     return candidates
 
 
 def _tile_candidates(
-    scene: DeviceScene, views: structs.Views, count: int, intrinsics: Intrinsics, camera: camera_kernels.Camera
+    scene: DeviceScene,
+    views: structs.Views,
+    count: int,
+    intrinsics: Intrinsics,
+    camera: camera_kernels.Camera,
+    arrays: NewArrays,
 ) -> structs.Candidates:
     shape = tiles(count, intrinsics)[:3]
-    candidates = empty_candidates(int(np.prod(shape)), scene)
+    candidates = empty_candidates(int(np.prod(shape)), scene, arrays)
     if count and scene.struct.instance_count:
         kernel, inputs = candidate_kernels.tile_candidates_kernel, [scene.struct, views, camera]
         wp.launch(kernel, shape, inputs, [candidates], device=scene.device)
     return candidates
 
 
-def _extras(first: int, row: wp.array, offsets: tuple) -> shading.Extras:
+def _extras(first: int, edges: RowList, offsets: tuple) -> shading.Extras:
     """Return the further rays of the pixels of some rows, before it is known whose light they bring."""
+    device = str(edges.row.device)
     extras = shading.Extras()
-    extras.first, extras.row = first, row
-    extras.offset = _offsets(offsets, str(row.device))
-    extras.source = extras.shaded = no_rows(str(row.device))
+    extras.first, extras.row, extras.count = first, edges.row, edges.count
+    extras.offset = _offsets(offsets, device)
+    extras.source = extras.shaded = no_rows(device)
+    extras.shaded_count = no_count(device)
     return extras
 
 
-@lru_cache(maxsize=32)
+@cache
 def _offsets(offsets: tuple, device: str) -> wp.array:
     at = np.array(offsets, dtype=np.float32).reshape(-1, 2)
     return wp.array(at, dtype=wp.vec2, device=device)
 
 
-@lru_cache(maxsize=32)
+@cache
 def no_rows(device: str) -> wp.array:
     """Return an array of row numbers without any."""
     return wp.empty(0, dtype=int, device=device)
+
+
+@cache
+def no_count(device: str) -> wp.array:
+    """Return the number of rows of a list without any, shape [1]."""
+    return wp.zeros(1, dtype=int, device=device)
 
 
 def _trace(buffer: SampleBuffer, first: int, threads: int) -> None:
@@ -204,7 +230,7 @@ def depth_images(
     """
     shape, none, device = buffer.shape, (0, 0, 0), buffer.scene.device
     metres, objects = shape if with_metres else none, shape if with_objects else none
-    images = empty_struct(depth_kernels.DepthImages, shape, device, depth_m=metres, object_id=objects)
+    images = buffer.arrays.struct(depth_kernels.DepthImages, shape, depth_m=metres, object_id=objects)
     if len(buffer.views):
         longest = buffer.camera.range if range_m is None else range_m
         inputs = [buffer.scene.struct, buffer.camera, buffer.samples, longest]
@@ -212,84 +238,41 @@ def depth_images(
     return images
 
 
-def find_edges(buffer: SampleBuffer) -> "FlaggedRows":
-    """Return the pixels that lie on edges."""
-    is_edge = empty_flags(buffer.threads, buffer.scene.device)
-    _launch(kernels.edge_kernel, buffer.threads, [buffer.scene.struct, buffer.picture], [is_edge])
-    return FlaggedRows(buffer, is_edge)
-
-
-def with_extras(buffer: SampleBuffer, edges: "FlaggedRows", per_pixel: int) -> SampleBuffer:
+def with_extras(buffer: SampleBuffer, per_pixel: int, lists: RowLists) -> SampleBuffer:
     """Return a buffer with further rays through the pixels on edges, after the pixel centers in its samples.
 
     The pixel centers are those of the other buffer, not a copy, while there is room behind them.
 
     Args:
         buffer: What the pixel centers see, with surfaces.
-        edges: From `find_edges`.
         per_pixel: Samples in a pixel on an edge, a key of `EXTRA_OFFSETS` above 1.
+        lists: Lists of the launch.
     """
-    device, scene = buffer.scene.device, buffer.scene.struct
-    extras = _extras(buffer.count, edges.listed(), EXTRA_OFFSETS[per_pixel])
+    arrays, scene = buffer.arrays, buffer.scene.struct
+    is_edge = empty_flags(arrays, buffer.threads)
+    _launch(kernels.edge_kernel, buffer.threads, [scene, buffer.picture], [is_edge])
+    edges = lists.list("edges", buffer, is_edge, buffer.threads)
+    extras = _extras(buffer.count, edges, EXTRA_OFFSETS[per_pixel])
     both = replace(buffer, extras=extras)
     if both.count > len(buffer.samples.t):
-        both = replace(both, samples=empty_samples(both.count, device, with_surfaces=True))
+        both = replace(both, samples=empty_samples(both.count, arrays, with_surfaces=True))
         for name in ("t", "face", "instance", "surface", "normal"):
             wp.copy(getattr(both.samples, name), getattr(buffer.samples, name), count=buffer.count)
-    extras.source = wp.empty(both.further, dtype=int, device=device)
-    is_traced = empty_flags(both.further, device)
+    extras.source = arrays.empty(both.further, int)
+    is_traced = empty_flags(arrays, both.further)
     if buffer.alpha_cutouts is None:
         _launch(kernels.guess_kernel, both.further, [scene, both.picture], [extras.source, is_traced])
     else:
-        is_traced[: both.further].fill_(1)
-    extras.shaded = FlaggedRows(both, is_traced, buffer.threads).listed()
-    both, traced = replace(both), len(extras.shaded)
-    _trace(both, buffer.threads, traced)
-    is_shaded = empty_flags(traced, device)
-    inputs = [scene, both.picture, extras.shaded]
-    _launch(kernels.source_kernel, traced, inputs, [extras.source, is_shaded])
-    extras.shaded = FlaggedRows(both, is_shaded, buffer.threads).listed()
+        _launch(kernels.trace_all_kernel, both.further, [extras], [extras.source, is_traced])
+    traced = lists.list("traced", both, is_traced, both.further, buffer.threads)
+    extras.shaded, extras.shaded_count = traced.row, traced.count
+    both = replace(both)
+    _trace(both, buffer.threads, len(traced))
+    is_shaded = empty_flags(arrays, len(traced))
+    _launch(kernels.source_kernel, len(traced), [scene, both.picture], [extras.source, is_shaded])
+    shaded = lists.list("shaded", both, is_shaded, len(traced), buffer.threads)
+    extras.shaded, extras.shaded_count = shaded.row, shaded.count
     return replace(both)
-
-
-def empty_flags(threads: int, device: str) -> wp.array:
-    """Return room for a flag a thread, 0 or 1, in whole words of eight; all are 0."""
-    return wp.zeros(-(-threads // 8) * 8, dtype=wp.uint8, device=device)
-
-
-class FlaggedRows:
-    """Samples whose threads raised their flags: counted at once, listed when their number is on the host.
-
-    What the device is given between the two it does while the host waits for the number.
-    """
-
-    def __init__(self, buffer: SampleBuffer, flags: wp.array, first_thread: int = 0) -> None:
-        """Let the device count.
-
-        Args:
-            buffer: What the pixels see.
-            flags: From `empty_flags`.
-            first_thread: Thread that the first flag belongs to.
-        """
-        device, words = buffer.scene.device, len(flags) // 8
-        self._picture, self._flags, self._first_thread = buffer.picture, flags, first_thread
-        self._flag = wp.array(ptr=flags.ptr, dtype=wp.uint64, shape=words, device=device)
-        self._first = wp.empty(words + 1, dtype=int, device=device)
-        if words:
-            count = wp.empty(words + 1, dtype=int, device=device)
-            _launch(picture.flag_count_kernel, words, [self._flag], [count])
-            wp.utils.array_scan(count, self._first, inclusive=False)
-            # The number after the last word is that of all flags.
-            self._number = HostCopy([self._first[words:]])
-
-    def listed(self) -> wp.array:
-        """Return the rows of the samples, in the order of the threads."""
-        words = len(self._flag)
-        row = wp.empty(int(self._number.wait()[0][0]) if words else 0, dtype=int, device=self._flag.device)
-        if len(row):
-            inputs = [self._picture, self._flag, self._first, self._first_thread]
-            _launch(picture.flagged_row_kernel, words, inputs, [row])
-        return row
 
 
 def _launch(kernel: wp.Kernel, threads: int, inputs: list, outputs: list) -> None:

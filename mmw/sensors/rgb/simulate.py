@@ -9,15 +9,15 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
 
-from mmw.core.frame_rate import seconds
-from mmw.core.kinematics import Motion, differentiate
+from mmw.core.kinematics import Motion
+from mmw.core.recorded_work import DirectWork, NewArrays
 from mmw.core.transfer import to_host
 from mmw.kernels.camera import instance_culling as candidates
 from mmw.kernels.shading import reflections as reflection_kernels
@@ -28,7 +28,7 @@ from mmw.kernels.shading.wet_surfaces import Wet
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import view_twists
+from mmw.scene.views import Views
 from mmw.sensors.camera_group.images import CameraImage, object_images
 from mmw.sensors.camera_group.launches import Launch, single_launches, trace_launch
 from mmw.sensors.render.appearance_buffers import AppearanceArrays
@@ -45,16 +45,20 @@ from mmw.sensors.render.lighting import (
     trace_sky,
     trace_sun,
 )
-from mmw.sensors.render.lights import STREET_KLUX, load_brakes, make_lights
+from mmw.sensors.render.lights import STREET_KLUX, batch_brakes, make_lights
 from mmw.sensors.render.optical_flow import device_twists, image_motion
 from mmw.sensors.render.rain_streaks import drop_light, make_rain, streak_cover
+from mmw.sensors.render.row_lists import ListShares, RowLists
 from mmw.sensors.render.sky.sky import bake, ground_radiance, make_air, make_sky, mean_radiance
 from mmw.sensors.render.tone_mapping import make_exposure, tone_map
-from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, depth_images, find_edges, with_extras
+from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, depth_images, with_extras
 from mmw.sensors.render.wet_surfaces import make_wet
 from mmw.sensors.rgb.config import RgbCamera
+from mmw.sensors.rgb.frame_inputs import FrameArrays, FrameValues, SunPlace, frame_values, twists_of
 from mmw.sensors.samples import Array, join, to_output
 from mmw.sensors.sensor_input import SensorInput
+
+T = TypeVar("T")
 
 DARK_KLUX = 1.0
 """Illuminance of level ground by sun and sky below which the light of vehicles and streets is drawn [klux]: a
@@ -133,6 +137,7 @@ class RgbRenderer:
 
     Attributes:
         notes: Notes for the user on textures, one line each.
+        list_shares: Room of the lists of rows, which grows where it was not enough.
     """
 
     def __init__(self, scene: DeviceScene, weathers: Mapping[str, Weather], *, seed: int = 0, debug: bool = False):
@@ -149,7 +154,8 @@ class RgbRenderer:
         self._shading: dict[str, shade.Weather] = {}
         self._is_dark: dict[str, bool] = {}
         self._groups: list[list[str]] = []
-        self._lit: tuple[SceneData, tuple[int, ...]] | None = None
+        self._brakes: tuple[SceneData, tuple[int, ...], np.ndarray] | None = None
+        self.list_shares = ListShares()
         self.add(weathers)
 
     def add(self, weathers: Mapping[str, Weather]) -> None:
@@ -175,7 +181,6 @@ class RgbRenderer:
             struct.glow = wp.vec3(*ground_radiance(weather, seed))
             self._is_dark[name] = bake(weather, seed).horizontal_klux < DARK_KLUX
             self._weathers[name], self._shading[name] = weather, struct
-            self._lit = None
         groups: dict[tuple, list[str]] = {}
         for name in self._shading:
             groups.setdefault(tuple(material.appearance for material in scene.arrays.materials[name]), []).append(name)
@@ -202,21 +207,80 @@ class RgbRenderer:
                 and streaks. Some or all of the camera's weathers; the others cost nothing.
             motion: `differentiate(scene.arrays.poses, scene.arrays.pose_dt)`, if at hand.
         """
-        device = self._scene.device
-        image = config.image
-        twists = device_twists(_twists(buffer, motion), device)
-        blur = image_motion(buffer, twists) if image.motion_blur else None
+        return self._directly(buffer, config, keys, motion, self.pictures)
+
+    def radiance(
+        self, buffer: SampleBuffer, config: RgbCamera, weathers: Collection[str] | None = None
+    ) -> dict[str, wp.array]:
+        """Return the luminance at every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device."""
+        none = np.zeros((len(buffer.views), 2), dtype=np.uint32)
+        keys = dict.fromkeys(self._shading if weathers is None else weathers, none)
+        return self._directly(buffer, config, keys, None, self._radiance)
+
+    def _directly(
+        self,
+        buffer: SampleBuffer,
+        config: RgbCamera,
+        keys: Mapping[str, np.ndarray],
+        motion: Motion | None,
+        make: Callable[..., dict[str, T]],
+    ) -> dict[str, T]:
+        """Return images of traced views, made again as long as a list has no room for its rows."""
+        work = DirectWork(self._scene.device)
+        values = self.frame_values(buffer.scene, buffer.views, config, keys, motion)
+
+        def launch(arrays: NewArrays, inputs: list[wp.array]) -> tuple[dict[str, T], RowLists]:
+            lists = RowLists(arrays, self.list_shares, buffer.extras.first)
+            return make(replace(buffer, arrays=arrays), config, values, FrameArrays(*inputs), lists), lists
+
+        while True:
+            with work.run(None, values.inputs, launch) as (images, lists):
+                (counts,) = work.to_host([lists.counts])
+                if lists.fit(counts):
+                    return images
+
+    def frame_values(
+        self,
+        scene: DeviceScene,
+        views: Views,
+        config: RgbCamera,
+        keys: Mapping[str, np.ndarray],
+        motion: Motion | None = None,
+    ) -> FrameValues:
+        """Return what changes from frame to frame for `pictures`; see `render` for the arguments."""
+        skies = {} if not config.shadows else {_sun_of(sky): sky for sky in (self._shading[n].sky for n in keys)}
+        skies.pop((), None)
+        if self._brakes is None or self._brakes[0] is not scene.arrays or self._brakes[1] != scene.batch_frames:
+            self._brakes = scene.arrays, scene.batch_frames, batch_brakes(scene)
+        return frame_values(scene, views, keys, skies, self._brakes[2], motion)
+
+    def pictures(
+        self, buffer: SampleBuffer, config: RgbCamera, values: FrameValues, frame: FrameArrays, lists: RowLists
+    ) -> dict[str, RgbImages]:
+        """Launch what makes the pictures of the views, without a wait; they hold if all `lists` fit.
+
+        Args:
+            buffer: What the pixels see.
+            config: Rays to send, and how light becomes a picture.
+            values: From `frame_values`; its inputs are not read.
+            frame: Its inputs on the device.
+            lists: Lists of the launch.
+        """
+        image, arrays = config.image, buffer.arrays
+        blur = image_motion(buffer, frame.twists) if image.motion_blur else None
         images = {}
-        for name, radiance in self.radiance(buffer, config, keys).items():
+        for name, radiance in self._radiance(buffer, config, values, frame, lists).items():
             weather, sky = self._weathers[name], self._shading[name].sky
-            exposure = make_exposure(image.exposure, radiance, sky.exposure)
-            key = wp.array(keys[name], dtype=wp.vec2ui, device=device)
+            exposure = make_exposure(image.exposure, radiance, sky.exposure, arrays)
+            key = frame.key[values.weathers.index(name)] if len(buffer.views) else arrays.empty(0, wp.vec2ui)
             cover, of_drop = None, None
             if image.streaks and weather.rain_mm_h > 0.0:
                 rain = make_rain(weather, image, buffer.intrinsics)
-                cover = streak_cover(buffer.on_device, twists, key, buffer.camera, buffer.samples.t, rain)
+                cover = streak_cover(buffer.on_device, frame.twists, key, buffer.camera, buffer.samples.t, rain, arrays)
                 of_drop = drop_light(wp.vec3(*mean_radiance(weather, self._seed)))
-            rgb = tone_map(radiance, image, exposure, keys=key, motion=blur, cover=cover, drop_light=of_drop)
+            rgb = tone_map(
+                radiance, image, exposure, keys=key, motion=blur, cover=cover, drop_light=of_drop, arrays=arrays
+            )
             images[name] = RgbImages(rgb, exposure)
         return images
 
@@ -225,7 +289,7 @@ class RgbRenderer:
 
         Sensor frame (x along the optical axis, y left, z up), toward the camera; zero where nothing is hit.
         """
-        images = wp.empty(buffer.shape, dtype=wp.vec3, device=self._scene.device)
+        images = buffer.arrays.empty(buffer.shape, wp.vec3)
         if images.size:
             appearance = next(iter(self._shading.values())).appearance_table
             wp.launch(
@@ -237,33 +301,22 @@ class RgbRenderer:
 
     def flow(self, buffer: SampleBuffer, motion: Motion | None = None) -> wp.array:
         """Return how far what each pixel's center shows moves until the next frame [px], shape [A, H, W], vec2."""
-        frame_s = 1.0 / buffer.scene.arrays.rate_hz
-        return image_motion(buffer, device_twists(_twists(buffer, motion), self._scene.device), frame_s)
+        twists = device_twists(twists_of(buffer.scene, buffer.views, motion), self._scene.device)
+        return image_motion(buffer, twists, 1.0 / buffer.scene.arrays.rate_hz)
 
-    def _load_batch(self, scene: DeviceScene) -> None:
-        """Bring the brake lights of the loaded frames."""
-        if self._lit is None or self._lit[0] is not scene.arrays or self._lit[1] != scene.batch_frames:
-            brakes = load_brakes(scene)
-            for weather in self._shading.values():
-                weather.lights.brake = brakes
-            self._lit = scene.arrays, scene.batch_frames
-
-    def radiance(
-        self, buffer: SampleBuffer, config: RgbCamera, weathers: Collection[str] | None = None
+    def _radiance(
+        self, buffer: SampleBuffer, config: RgbCamera, values: FrameValues, frame: FrameArrays, lists: RowLists
     ) -> dict[str, wp.array]:
-        """Return the luminance at every pixel in each weather [kcd/m2], shape [A, H, W], vec3, on the device."""
-        wanted = list(self._shading if weathers is None else weathers)
-        self._load_batch(buffer.scene)
-        device = self._scene.device
+        """Launch what finds the luminance at every pixel in each weather; see `pictures`."""
+        wanted, arrays = values.weathers, buffer.arrays
         if not len(buffer.views):
-            return {name: wp.empty(buffer.shape, dtype=wp.vec3, device=device) for name in wanted}
-        numbers = buffer.scene.arrays.numbers(buffer.views.frame)
-        time = wp.array(seconds(numbers, buffer.scene.arrays.rate_hz), dtype=float, device=device)
-        # What does not depend on a number that the host waits for comes before the wait, so that the device goes on.
-        edges = find_edges(buffer) if EXTRA_OFFSETS[config.samples] else None
+            return {name: arrays.empty(buffer.shape, wp.vec3) for name in wanted}
+        if EXTRA_OFFSETS[config.samples]:
+            buffer = with_extras(buffer, config.samples, lists)
         sky_light = trace_sky(buffer) if config.sky_light else None
-        if edges:
-            buffer = with_extras(buffer, edges, config.samples)
+        suns = {name: _sun_of(self._shading[name].sky) for name in wanted}
+        skies = {suns[name]: self._shading[name].sky for name in wanted}
+        lights = {place: self._light(buffer, place, sky, sky_light, values, frame) for place, sky in skies.items()}
         images = {}
         for group in self._groups:
             names = [name for name in group if name in wanted]
@@ -271,24 +324,41 @@ class RgbRenderer:
                 continue
             appearance = self._shading[names[0]].appearance_table
             found, sends_ray = read_surfaces(buffer, appearance)
-            wettest = self._wettest(names)
-            senders = find_reflections(buffer, appearance, wettest, found, sends_ray) if config.reflections else None
-            suns = {name: _sun_of(self._shading[name].sky) for name in names}
-            skies = {suns[name]: self._shading[name].sky for name in names}
-            lights = {
-                sun: _light(buffer, sky if sun and config.shadows else None, sky_light) for sun, sky in skies.items()
-            }
+            senders = None
+            if config.reflections:
+                senders = find_reflections(buffer, appearance, self._wettest(names), found, sends_ray, lists)
             rays = trace_reflections(buffer, appearance, found, senders)
-            reflections = {sun: _reflections(buffer, found, rays, light.sun) for sun, light in lights.items()}
+            places = dict.fromkeys(suns[name] for name in names)
+            reflections = {place: _reflections(buffer, found, rays, lights[place].sun) for place in places}
             for name in names:
-                weather, sun = self._shading[name], suns[name]
-                light = lights[sun].struct
+                weather, place = self._shading[name], suns[name]
+                weather.lights.brake = frame.brake
+                light = lights[place].struct
                 light.reflection = rays.number
                 with_lights = self._is_dark[name] and weather.lights.beam_count + weather.lights.street_count > 0
                 images[name] = shade_samples(
-                    buffer, weather, time, found, light, reflections[sun], with_lights=with_lights
+                    buffer, weather, frame.time, found, light, reflections[place], with_lights=with_lights
                 )
         return {name: images[name] for name in wanted}
+
+    def _light(
+        self,
+        buffer: SampleBuffer,
+        place: SunPlace,
+        sky: Sky,
+        sky_light: wp.array | None,
+        values: FrameValues,
+        frame: FrameArrays,
+    ) -> "_Light":
+        """Return the light of the sun at a place, if it casts shadows, and of the sky, from `trace_sky`."""
+        sun = None
+        if place in values.suns:
+            k = values.suns.index(place)
+            low, size = frame.sun_low[k : k + 1], frame.sun_size[k : k + 1]
+            sun = sun_over(buffer.scene, sky, low, size, values.rooms[k], buffer.arrays)
+        struct = shade.Light()
+        struct.sun, struct.sky = gather_light(buffer, trace_sun(buffer, sun) if sun is not None else None, sky_light)
+        return _Light(struct, sun)
 
     def _wettest(self, names: Sequence[str]) -> Wet:
         """Return water that is nowhere less than in any of some weathers: it decides where reflected rays are sent."""
@@ -296,16 +366,6 @@ class RgbRenderer:
         wet.wetness = max(self._weathers[name].wetness for name in names)
         wet.puddles = max(self._weathers[name].puddles for name in names)
         return wet
-
-
-def _twists(buffer: SampleBuffer, motion: Motion | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return velocity and angular velocity of each view, see `view_twists`; zero for those that nobody carries."""
-    arrays, carried = buffer.scene.arrays, np.flatnonzero(buffer.views.actor >= 0)
-    velocity, rate = np.zeros((2, len(buffer.views), 3))
-    if len(carried):
-        motion = motion or differentiate(arrays.poses, arrays.pose_dt)
-        velocity[carried], rate[carried] = view_twists(arrays, motion, buffer.views.take(carried))
-    return velocity, rate
 
 
 @dataclass(frozen=True)
@@ -317,17 +377,9 @@ class _Light:
     """The sun, None where it casts no shadows."""
 
 
-def _sun_of(sky: Sky) -> tuple[float, ...]:
+def _sun_of(sky: Sky) -> SunPlace:
     """Return the unit vector to the sun of a sky; nothing where it does not shine."""
     return tuple(sky.sun_direction) if any(sky.sun_illuminance) else ()
-
-
-def _light(buffer: SampleBuffer, sky: "Sky | None", sky_light: wp.array | None) -> _Light:
-    """Return the light of the sun of a sky, None for no shadows, and of the sky, from `trace_sky`."""
-    sun = sun_over(buffer.scene, sky) if sky is not None else None
-    struct = shade.Light()
-    struct.sun, struct.sky = gather_light(buffer, trace_sun(buffer, sun) if sun is not None else None, sky_light)
-    return _Light(struct, sun)
 
 
 def _reflections(
@@ -335,7 +387,7 @@ def _reflections(
 ) -> reflection_kernels.Reflections:
     """Return reflected rays with the light of one place of the sun on what they hit."""
     reflections = reflection_kernels.Reflections()
-    for name in ("row", "samples", "surfaces", "sun"):
+    for name in ("row", "count", "samples", "surfaces", "sun"):
         setattr(reflections, name, getattr(rays.reflections, name))
     if sun is not None:
         reflections.sun = trace_reflection_sun(buffer, found, rays, sun)

@@ -15,9 +15,9 @@ from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import SceneData
 from mmw.sensors.render.lights import (
+    batch_brakes,
     brake_levels,
     find_street_lights,
-    load_brakes,
     make_lights,
     street_lights_on,
     vehicle_lights_on,
@@ -270,4 +270,4 @@ def test_no_lights_by_day(device: str) -> None:
     lights = make_lights(scene, "sunny", PRESETS["sunny"])
     assert lights.beam_count == lights.street_count == 0
     assert (lit(lights, scene, np.zeros((5, 3)), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0)) == 0.0).all()
-    assert load_brakes(scene).shape == (1, 0)
+    assert batch_brakes(scene).shape == (1, 0)

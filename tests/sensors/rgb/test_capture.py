@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 
 from mmw.config import Config, MountConfig, load_config
 from mmw.config.lens import LensConfig
@@ -16,11 +17,12 @@ from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views
 from mmw.sensors import DepthCamera, RgbCamera
 from mmw.sensors.camera_group import capture as cameras
+from mmw.sensors.camera_group import launch_images
 from mmw.sensors.camera_group.launches import make_launches
 from mmw.sensors.image_encoder import MAX_WAITING_BYTES, Encoder
+from mmw.sensors.render import row_lists
 from mmw.sensors.render.lighting import shade_samples
 from mmw.sensors.render.projection import intrinsics_of, project
-from mmw.sensors.rgb import capture as recorded
 from mmw.sensors.rgb import simulate as rgb
 from mmw.sensors.rgb.config import paper_cameras
 from mmw.storage.arrow_tables import table_from_columns
@@ -69,9 +71,12 @@ def record(
     batches: Sequence[Sequence[int]],
     arrays: SceneData | None = None,
     weathers: Sequence[str] | None = None,
+    *,
+    puts_off: bool = False,
 ) -> dict[str, dict[str, list[dict]]]:
-    """Return the rows of batches of frames by weather and table, in all or some of the weathers."""
-    found = captured(cameras.capture_cameras, config, street() if arrays is None else arrays, device, batches, weathers)
+    """Return the rows of batches of frames by weather and table, in all or some of the weathers; see `captured`."""
+    arrays = street() if arrays is None else arrays
+    found = captured(cameras.capture_cameras, config, arrays, device, batches, weathers, puts_off=puts_off)
     return {weather: {name: table.to_pylist() for name, table in tables.items()} for weather, tables in found.items()}
 
 
@@ -106,7 +111,7 @@ def test_jpeg_files_are_the_same(
     tmp_path: Path, device: str, made: dict, monkeypatch: pytest.MonkeyPatch, is_made_there: bool
 ) -> None:
     """Whether the device makes the files, as GPUs do, or threads."""
-    monkeypatch.setattr(recorded, "makes_files", lambda _: is_made_there)
+    monkeypatch.setattr(launch_images, "makes_files", lambda _: is_made_there)
     sensors = (FRONT + MAST).replace("format: png", "format: jpeg")
     tables = record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]])
     for weather in ("sunny", "rainy"):
@@ -183,6 +188,39 @@ def test_launches_of_one_view_do_not_change_a_byte(
 ) -> None:
     monkeypatch.setattr(cameras, "max_pixels", lambda _: 1)
     assert record(configured(tmp_path, FRONT + MAST + DEPTH), device, [[1, 3]]) == made
+
+
+@pytest.mark.parametrize("is_made_there", [True, False])
+def test_recorded_launches_do_not_change_a_byte(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_made_there: bool
+) -> None:
+    """As in a live simulation, frame by frame: a car is absent at times, and one camera samples every other frame."""
+    monkeypatch.setattr(launch_images, "makes_files", lambda _: is_made_there)
+    sensors = FRONT + MAST.replace("rgb,", "rgb, rate_hz: 50,") + DEPTH.replace("depth,", "depth, format: float32,")
+    config = configured(tmp_path, sensors.replace("format: png", "format: jpeg"))
+    arrays = street(10)
+    arrays.poses[[4, 5, 8], 1] = np.nan
+    steps = [[k] for k in range(10)]
+    launches: list[object] = []
+    replay = wp.capture_launch
+    monkeypatch.setattr(wp, "capture_launch", lambda graph: launches.append(graph) or replay(graph))
+    direct = record(config, device, steps, arrays)
+    assert not launches
+    assert record(config, device, steps, arrays, puts_off=True) == direct
+    assert len(launches) == 9 + 4 and len(set(launches)) == 2  # two launches, whose first calls are no replays
+
+
+@pytest.mark.parametrize("puts_off", [True, False])
+def test_lists_without_room_do_not_change_a_byte(
+    device: str, made: dict, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, puts_off: bool
+) -> None:
+    """Images are made again until there is room for what edges, reflections and files of them need."""
+    monkeypatch.setattr(launch_images, "makes_files", lambda _: True)
+    sensors = (FRONT + MAST).replace("format: png", "format: jpeg")
+    exact = record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]])
+    monkeypatch.setattr(row_lists, "LEAST_ROOM", 1)
+    monkeypatch.setattr(row_lists, "SHARES", dict.fromkeys(row_lists.SHARES, 1e-4))
+    assert record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]], puts_off=puts_off) == exact
 
 
 @pytest.mark.parametrize("weather", ["sunny", "rainy"])

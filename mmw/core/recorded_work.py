@@ -1,0 +1,272 @@
+"""Run launches on a device directly, or record them once and replay them as one call on arrays that stay.
+
+A record repeats launches with the arguments that they had: the same arrays, numbers and structs. So what changes from
+call to call comes in arrays of one packed block (`PackedArrays`), what is written goes to arrays that a record keeps,
+and no number comes back to the host in between. On CUDA a record is a graph; Warp records on the CPU too.
+"""
+
+# Warp's structs and small number types are objects, not classes, to a type checker.
+# pyright: reportGeneralTypeIssues=false, reportArgumentType=false
+
+from abc import ABC, abstractmethod
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import warp as wp
+
+from mmw.core.packed_arrays import HostViews, Layout, PackedArrays, borrow_arrays, device_arrays, packed_block
+from mmw.core.transfer import scalar_type, to_host
+
+T = TypeVar("T")
+
+KEPT_BYTES = 4 << 30
+"""Most memory of the arrays of all records of a `RecordedWork` [bytes]: the oldest are dropped beyond. 13 images of
+640 x 480 in one weather take 0.4 GB. Design value."""
+
+
+class Same:
+    """Names an object by its identity in the key of recorded work."""
+
+    def __init__(self, value: object) -> None:
+        """Name an object, and keep it."""
+        self._value = value
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether both name the same object."""
+        return isinstance(other, Same) and self._value is other._value
+
+    def __hash__(self) -> int:
+        """Return the object's number."""
+        return id(self._value)
+
+
+Input = tuple[np.ndarray, Any]
+"""Values and Warp type of an array; a vector is the last axis of the values."""
+
+
+class NewArrays:
+    """Source of arrays that launches write: new ones every time.
+
+    Attributes:
+        device: Warp device.
+    """
+
+    def __init__(self, device: str) -> None:
+        """Allocate on a device."""
+        self.device = device
+
+    def empty(self, shape: int | tuple[int, ...], kind: Any) -> wp.array:
+        """Return an array of a shape and Warp type with undefined values."""
+        return self._take((shape, kind), lambda: wp.empty(shape, dtype=kind, device=self.device))
+
+    def full(self, shape: int | tuple[int, ...], value: Any, kind: Any) -> wp.array:
+        """Return an array whose elements have one value."""
+        array = self.empty(shape, kind)
+        if array.size:
+            array.fill_(value)
+        return array
+
+    def struct(self, kind: Any, shape: int | tuple[int, ...], **shapes: int | tuple[int, ...]) -> Any:
+        """Return a struct of arrays of one shape, but for those with a shape of their own, with undefined values.
+
+        The arrays lie in one block of memory: an allocation costs the same for one as for all.
+        """
+        layouts = [(_shape(shapes.get(name, shape)), var.type.dtype) for name, var in kind.vars.items()]
+
+        def make() -> Any:
+            result = kind()
+            for name, array in zip(kind.vars, device_arrays(self.device, layouts), strict=True):
+                setattr(result, name, array)
+            return result
+
+        return self._take((kind, *layouts), make)
+
+    def packed(self, layouts: Sequence[Layout]) -> tuple[wp.array, list[wp.array], HostViews]:
+        """Return a block of bytes, arrays that share it, and what finds them in a copy of it on the host."""
+        return self._take(("packed", *layouts), lambda: packed_block(self.device, layouts))
+
+    def _take(self, what: Hashable, make: Callable[[], T]) -> T:
+        return make()
+
+
+class GatheredArrays:
+    """Copy of some arrays in one block, which comes to the host in one piece.
+
+    Attributes:
+        block: The block on the device.
+    """
+
+    def __init__(self, arrays: NewArrays, parts: Sequence[wp.array]) -> None:
+        """Copy arrays to a block from a source of arrays."""
+        layouts = [(part.shape, part.dtype) for part in parts]
+        self.block, places, self._views = arrays.packed(layouts)
+        for part, place in zip(parts, places, strict=True):
+            if part.size:
+                wp.copy(place, part)
+
+    def on_host(self, block: np.ndarray) -> list[np.ndarray]:
+        """Return the arrays as parts of the block on the host."""
+        return self._views(block)
+
+
+class KeptArrays(NewArrays):
+    """Source of arrays that gives the same ones again, in the order of the first time, after each `rewind`."""
+
+    def __init__(self, device: str) -> None:
+        """Hold nothing yet."""
+        super().__init__(device)
+        self._kept: list[tuple[Hashable, Any]] = []
+        self._next = 0
+
+    def rewind(self) -> None:
+        """Begin with the first array again."""
+        self._next = 0
+
+    @property
+    def size(self) -> int:
+        """Memory of all arrays [bytes]."""
+        return sum(_bytes(value) for _, value in self._kept)
+
+    def _take(self, what: Hashable, make: Callable[[], T]) -> T:
+        if self._next == len(self._kept):
+            self._kept.append((what, make()))
+        known, value = self._kept[self._next]
+        if known != what:
+            raise RuntimeError(
+                f"array {self._next} of recorded work: {what} is asked for where it was {known}; what decides its "
+                "shape must be part of the key of the work"
+            )
+        self._next += 1
+        return value
+
+
+Launch = Callable[[NewArrays, list[wp.array]], T]
+"""See `Work.run`."""
+
+
+class Work(ABC):
+    """Runs launches on a device, see `run`.
+
+    Attributes:
+        device: Warp device.
+    """
+
+    def __init__(self, device: str) -> None:
+        """Run on a device."""
+        self.device = device
+
+    @abstractmethod
+    def run(self, key: Hashable, inputs: Sequence[Input], launch: Launch[T]) -> AbstractContextManager[T]:
+        """Copy values to the device and launch; the value of the `with` statement is what `launch` returned.
+
+        The arrays of the result hold until the end of the statement, where the device must have been waited for.
+
+        Args:
+            key: All that decides what `launch` does, beside the values and shapes of the inputs; `Same` for objects.
+            inputs: Values that go to the device, and their Warp types.
+            launch: Launches kernels, given a source of all arrays that it needs, and the inputs on the device. It
+                neither waits nor copies from or to the host.
+        """
+
+    @abstractmethod
+    def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
+        """Return arrays of a result as NumPy arrays that outlive it, after a single wait."""
+
+
+class DirectWork(Work):
+    """Launches at once, on new arrays."""
+
+    @contextmanager
+    def run(self, key: Hashable, inputs: Sequence[Input], launch: Launch[T]) -> Iterator[T]:
+        """See `Work.run`."""
+        block = borrow_arrays(self.device, *_layouts(inputs))
+        _write(block, inputs)
+        yield launch(NewArrays(self.device), block.upload())
+        block.release()
+
+    def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
+        """See `Work.to_host`."""
+        return to_host(arrays)
+
+
+@dataclass
+class _Record:
+    """Work of one key."""
+
+    inputs: PackedArrays
+    arrays: KeptArrays
+    result: Any
+    graph: wp.Graph | None = None
+
+
+class RecordedWork(Work):
+    """Launches directly at the first call with a key, records the second one, and replays the record from then on.
+
+    The first call loads the kernels and makes all arrays, so that the record holds launches alone.
+    """
+
+    def __init__(self, device: str) -> None:
+        """Hold no record yet."""
+        super().__init__(device)
+        self._records: OrderedDict[Hashable, _Record] = OrderedDict()
+
+    @contextmanager
+    def run(self, key: Hashable, inputs: Sequence[Input], launch: Launch[T]) -> Iterator[T]:
+        """See `Work.run`."""
+        layouts = _layouts(inputs)
+        record = self._records.get((key, layouts))
+        if record is None:
+            block, arrays = PackedArrays(self.device, layouts), KeptArrays(self.device)
+            _write(block, inputs)
+            record = _Record(block, arrays, launch(arrays, block.upload()))
+            self._records[key, layouts] = record
+            self._drop()
+            yield record.result
+            return
+        self._records.move_to_end((key, layouts))
+        _write(record.inputs, inputs)
+        record.inputs.upload()
+        if record.graph is None:
+            record.arrays.rewind()
+            with wp.ScopedCapture(self.device) as capture:
+                record.result = launch(record.arrays, record.inputs.arrays)
+            record.graph = capture.graph
+        wp.capture_launch(record.graph)
+        yield record.result
+
+    def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
+        """See `Work.to_host`."""
+        found = to_host(arrays)
+        return found if wp.get_device(self.device).is_cuda else [values.copy() for values in found]
+
+    def _drop(self) -> None:
+        """Drop the records that were not used for longest, as long as there are several with too much memory."""
+        size = sum(record.arrays.size for record in self._records.values())
+        while size > KEPT_BYTES and len(self._records) > 1:
+            size -= self._records.popitem(last=False)[1].arrays.size
+
+
+def _layouts(inputs: Sequence[Input]) -> tuple[Layout, ...]:
+    return tuple((values.shape[: values.ndim - len(scalar_type(kind)[1])], kind) for values, kind in inputs)
+
+
+def _write(block: PackedArrays, inputs: Sequence[Input]) -> None:
+    for target, (values, _) in zip(block.host, inputs, strict=True):
+        target[...] = values
+
+
+def _shape(shape: int | tuple[int, ...]) -> tuple[int, ...]:
+    return (shape,) if isinstance(shape, int) else shape
+
+
+def _bytes(value: Any) -> int:
+    """Return the memory of an array, of those of a struct, or of a packed block [bytes]."""
+    if isinstance(value, wp.array):
+        return value.size * wp.types.type_size_in_bytes(value.dtype)
+    if isinstance(value, tuple):
+        return _bytes(value[0])
+    return sum(_bytes(getattr(value, name)) for name in value._cls.vars)
