@@ -203,10 +203,15 @@ class _Record:
     graph: wp.Graph | None = None
 
 
+def can_record(device: str) -> bool:
+    """Return whether work on a device can be recorded: sums of arrays allocate, for which CUDA needs memory pools."""
+    return not wp.get_device(device).is_cuda or wp.is_mempool_enabled(device)
+
+
 class RecordedWork(Work):
     """Launches directly at the first call with a key, records the second one, and replays the record from then on.
 
-    The first call loads the kernels and makes all arrays, so that the record holds launches alone.
+    The first call loads the kernels and makes all arrays, so that the record holds launches alone. See `can_record`.
     """
 
     def __init__(self, device: str) -> None:
@@ -232,7 +237,7 @@ class RecordedWork(Work):
         record.inputs.upload()
         if record.graph is None:
             record.arrays.rewind()
-            with wp.ScopedCapture(self.device) as capture:
+            with wp.ScopedCapture(self.device, force_module_load=False) as capture:
                 record.result = launch(record.arrays, record.inputs.arrays)
             record.graph = capture.graph
         wp.capture_launch(record.graph)

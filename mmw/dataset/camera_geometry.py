@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from mmw.core.camera_models import Distortion, Intrinsics
 from mmw.core.errors import InputError
+from mmw.core.remember import remembered
 from mmw.core.transforms import invert, make_pose, normalize, quaternion_from_ypr, transform_points
 from mmw.sensors.render.projection import project, unproject
 
@@ -85,6 +86,12 @@ def intrinsics_from_row(row: Mapping[str, Any]) -> Intrinsics:
         lens = Distortion()
     size = int(row["width"]), int(row["height"])
     return Intrinsics(*size, *(float(row[name]) for name in ("fx", "fy", "cx", "cy")), lens)
+
+
+@remembered()
+def known_intrinsics(row: Mapping[str, Any]) -> Intrinsics:
+    """Return `intrinsics_from_row`, made once for a row that does not change."""
+    return intrinsics_from_row(row)
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
-from mmw.dataset.camera_geometry import Camera, box_corners, intrinsics_from_row, poses_from_rows, to_world
+from mmw.dataset.camera_geometry import Camera, box_corners, known_intrinsics, poses_from_rows, to_world
 from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.link import LINK_FIELDS, Link
 from mmw.dataset.sample_rows import Row, points_of, rows_of_table, stored_image
@@ -207,7 +207,7 @@ class Agent:
         found = {}
         for sensor, row in self.sensors.items():
             if row["fx"] is not None:
-                camera = Camera(intrinsics_from_row(row), self.sensor_pose(sensor))
+                camera = Camera(known_intrinsics(row), self.sensor_pose(sensor))
                 found[sensor] = View(self.frame, self.name, sensor, camera)
         return found
 

@@ -11,7 +11,7 @@ from mmw.config import Config, ScenarioConfig, SensorConfig
 from mmw.config.air import AirConfig
 from mmw.core.kinematics import Motion
 from mmw.core.later import Later
-from mmw.core.recorded_work import DirectWork, RecordedWork, Work
+from mmw.core.recorded_work import DirectWork, RecordedWork, Work, can_record
 from mmw.core.remember import remembered
 from mmw.core.timing import StageTimer
 from mmw.kernels.shading import structs as shading
@@ -64,7 +64,8 @@ class Batch:
         """Runs the launches of cameras; in a live frame they are recorded, as they come again with every step."""
         key = "work of cameras", self.puts_off
         if key not in self.cache:
-            self.cache[key] = (RecordedWork if self.puts_off else DirectWork)(self.scene.device)
+            is_recorded = self.puts_off and can_record(self.scene.device)
+            self.cache[key] = (RecordedWork if is_recorded else DirectWork)(self.scene.device)
         return self.cache[key]
 
     def submit(self, call: Callable[..., Any], *args: Any) -> Future:

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 from contextlib import ExitStack
 
+from mmw.core.later import Later
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launch_images import launch_images
 from mmw.sensors.camera_group.launches import Launch, make_launches, max_pixels
 from mmw.sensors.camera_group.objects import record_objects
 from mmw.sensors.depth.capture import check_lists, record_depth
 from mmw.sensors.depth.config import DepthCamera
-from mmw.sensors.ground_truth.boxes_3d import Boxes, make_boxes
+from mmw.sensors.ground_truth.boxes_3d import make_boxes
 from mmw.sensors.rgb.capture import random_keys_of, record_rgb, record_surfaces
 from mmw.sensors.rgb.config import RgbCamera
 
@@ -24,13 +25,14 @@ def capture_cameras(
             than an instance image.
     """
     check_lists(batch, [camera for camera in cameras if isinstance(camera, DepthCamera)])
-    boxes = make_boxes(batch.arrays, frames, batch.motion)
+    boxes = Later(batch.pool, make_boxes, batch.arrays, frames, batch.motion)
     for launch in make_launches(batch.arrays, cameras, frames):
         for piece in launch.pieces(max_pixels(batch.scene.device)):
             _record(batch, piece, boxes, collected)
 
 
-def _record(batch: Batch, launch: Launch, boxes: Boxes, collected: TableRows) -> None:
+def _record(batch: Batch, launch: Launch, boxes: Later, collected: TableRows) -> None:
+    """Add the images of a launch; `boxes` is the future of the 3-D boxes of the frames."""
     keys = random_keys_of(batch, launch, collected) if launch.rgb else {}
     with ExitStack() as stack:
         with batch.clock.stage(launch.name, launch.pixels):

@@ -1,5 +1,11 @@
 """Capture object annotations of a camera, depth or RGB: segmentation, 2-D boxes, visible pixels."""
 
+from concurrent.futures import Future
+
+from mmw.core.camera_models import Intrinsics
+from mmw.scene.scene_data import SceneData
+from mmw.scene.table_rows import Columns
+from mmw.scene.views import Views
 from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.camera_group.launch_images import LaunchImages
 from mmw.sensors.camera_group.launches import Launch, LaunchCamera, images_of
@@ -12,9 +18,17 @@ from mmw.storage.codecs.images import encode_instance, encode_semantic
 
 
 def record_objects(
-    batch: Batch, camera: LaunchCamera, launch: Launch, images: LaunchImages, boxes: Boxes, collected: TableRows
+    batch: Batch, camera: LaunchCamera, launch: Launch, images: LaunchImages, boxes: Future[Boxes], collected: TableRows
 ) -> None:
     """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
+
+    Args:
+        batch: The scenario.
+        camera: The camera.
+        launch: Its launch.
+        images: Images of the launch.
+        boxes: Future of the 3-D boxes of the launch's frames.
+        collected: Where the rows go.
 
     Raises:
         InputError: If the scene has more objects than an instance image can store.
@@ -33,6 +47,12 @@ def record_objects(
     if sensor.boxes_2d:
         visible = images.visible[sensor.range_m]
         own = VisiblePixels(visible.pixels[camera.rows], visible.bounds[camera.rows])
-        rows = batch.submit(box_2d_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
+        rows = batch.submit(_box_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
         counts = visible_rows(arrays, sensor.name, views, "pixels", own.pixels)
         collect(collected, {"boxes_2d": rows, "box_visibility": counts})
+
+
+def _box_rows(
+    arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Future[Boxes], visible: VisiblePixels
+) -> Columns:
+    return box_2d_rows(arrays, sensor, views, camera, boxes.result(), visible)

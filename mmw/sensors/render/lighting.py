@@ -3,8 +3,8 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import warp as wp
@@ -64,7 +64,8 @@ class SunCells:
     """Cells of all frames that there is room for."""
 
 
-def sun_plane(to_sun: Sequence[float]) -> np.ndarray:
+@lru_cache(maxsize=32)
+def sun_plane(to_sun: tuple[float, ...]) -> np.ndarray:
     """Return two unit vectors square to the unit vector to the sun and to each other, shape [2, 3]."""
     axis = np.array(to_sun, dtype=np.float64)
     across = np.cross((0.0, 0.0, 1.0) if abs(axis[2]) < 0.9 else (1.0, 0.0, 0.0), axis)
@@ -80,7 +81,9 @@ def sun_margin(sky: Sky) -> float:
 def sun_cells(scene: DeviceScene, sky: Sky) -> SunCells:
     """Return the cells of the sun of a weather over the loaded batch of a scene."""
     rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
-    places = (scene.arrays.poses[rows][:, scene.instance_actor, :3] - scene.origin) @ sun_plane(sky.sun_direction).T
+    places = (scene.arrays.poses[rows][:, scene.instance_actor, :3] - scene.origin) @ sun_plane(
+        tuple(sky.sun_direction)
+    ).T
     places = places[np.isfinite(places).all(axis=2)]
     low, size = np.zeros(2), np.zeros(2, dtype=np.int32)
     if len(places):
@@ -103,7 +106,7 @@ def sun_over(
         room: `SunCells.room`.
         arrays: Source of arrays.
     """
-    plane = sun_plane(sky.sun_direction)
+    plane = sun_plane(tuple(sky.sun_direction))
     grid = candidates.SunGrid()
     grid.across, grid.along = wp.vec3(*plane[0]), wp.vec3(*plane[1])
     grid.margin, grid.cell, grid.low, grid.size = sun_margin(sky), SUN_CELL_M, low, size

@@ -6,6 +6,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.kinematics import differentiate_rows
+from mmw.core.remember import remembered
 from mmw.core.transforms import rotate
 from mmw.kernels.shading import lights as kernels
 from mmw.physics.weather.weather import Weather
@@ -68,6 +69,11 @@ def has_lights(actor: Actor) -> bool:
     return actor.label in LIGHT_LABELS and not actor.is_parked
 
 
+@remembered()
+def _with_lights(actors: tuple[Actor, ...]) -> np.ndarray:
+    return np.array([has_lights(actor) for actor in actors], dtype=bool)
+
+
 def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     """Return how much each instance brakes, from its acceleration along its own x axis.
 
@@ -82,7 +88,7 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
     actors = instance_actors(arrays)
     level = np.full((len(rows), len(actors)), -1.0, dtype=np.float32)
-    drives = np.array([has_lights(arrays.actors[a]) for a in actors], dtype=bool)
+    drives = _with_lights(arrays.actors)[actors]
     if len(rows) == 0 or not drives.any():
         return level
     poses = arrays.poses[:, actors[drives]]

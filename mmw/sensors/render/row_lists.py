@@ -25,7 +25,7 @@ SHARES = {"edges": 0.2, "traced": 0.12, "shaded": 0.03, "reflected": 0.35, "word
 """List -> rows over pixel centers that there is room for from the start, above those of the shipped towns: pixels on
 edges, further samples that are traced and shaded, reflected rays, words of JPEG files. Design values."""
 
-LEAST_ROOM = 1 << 16
+LEAST_ROOM = 1 << 13
 """Rows that each list has room for at least, as far as there can be so many: small images need no second try."""
 
 MARGIN = 1.25
