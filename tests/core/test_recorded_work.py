@@ -88,6 +88,16 @@ def test_oldest_records_are_dropped_where_memory_is_full(device: str, monkeypatc
     assert launched == ["a", "a"]
 
 
+def test_forgotten_work_is_made_anew(device: str) -> None:
+    work, launched = RecordedWork(device), []
+    for _ in range(3):
+        run(work, np.ones(5), 0.0, launched)
+    for other in (work, DirectWork(device)):
+        other.forget("k", [(np.ones(5), wp.float32), (np.ones((1, 2)), wp.vec2)])
+    run(work, np.ones(5), 0.0, launched)
+    assert launched == ["k"] * 3
+
+
 def test_a_shape_that_the_key_does_not_name_is_an_error(device: str) -> None:
     work, shapes = RecordedWork(device), iter((3, 4))
     none = [(np.zeros(1), wp.float32)]

@@ -110,10 +110,12 @@ def launch_images(batch: Batch, launch: Launch, keys: Mapping[str, np.ndarray]) 
     task = _Task(batch, launch, keys)
     work = batch.work if len(launch.views) else DirectWork(batch.scene.device)  # an empty record cannot be replayed
     while True:
-        with work.run(task.key, task.inputs, task.launch) as made:
+        key = task.key
+        with work.run(key, task.inputs, task.launch) as made:
             (block,) = work.to_host([made.small.block])
             small = iter(made.small.on_host(block))
             if made.lists is not None and not made.lists.fit(next(small)):
+                work.forget(key, task.inputs)
                 continue
             exposure = {weather: next(small) for weather in made.rgb}
             files = read_files(made.coded, [next(small) for _ in made.coded], work) if made.coded else []
