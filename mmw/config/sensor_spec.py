@@ -62,7 +62,7 @@ class SensorSpec:
     """One kind of sensor: its configuration, its tables, and how it is simulated.
 
     `simulate` gives the samples of one sensor as arrays. A run calls it and makes rows of them by `to_tables`; where
-    several sensors share their rays, or rows are made by threads, it calls `capture` instead.
+    several sensors share their rays, or rows are made by threads, it calls `capture` or `start` instead.
     """
 
     type: str
@@ -83,6 +83,9 @@ class SensorSpec:
     capture: Reference = ""
     """`(Batch, sensors, frames, collected)`, which adds the rows of sensors; kinds that name the same function are
     captured in one call, with the functions that `simulate` calls."""
+    start: Reference = ""
+    """The same as a context manager, in place of `capture`: the device starts at its beginning, the rows are added at
+    its end, and everything else is traced in between."""
     warp_output: bool = False
     """True if `simulate` leaves arrays on the device where `SensorInput.output` says so."""
     shared_tables: tuple[str, ...] = ()
@@ -128,8 +131,8 @@ class SensorSpec:
         """
         if unknown := sorted(set(self.views) - set(VIEWS)):
             raise InputError(f"sensor {self.type!r}: view {unknown[0]!r} is not known; name one of {', '.join(VIEWS)}")
-        if not self.simulate or bool(self.to_tables) == bool(self.capture):
-            raise InputError(f"sensor {self.type!r}: give `simulate`, and either `to_tables` or `capture`")
+        if not self.simulate or sum(map(bool, (self.to_tables, self.capture, self.start))) != 1:
+            raise InputError(f"sensor {self.type!r}: give `simulate`, and one of `to_tables`, `capture` and `start`")
 
     def tables_of(self, config: SensorConfig) -> dict[str, int]:
         """Return the tables with a fixed number of rows for each sample of a sensor, and that number."""

@@ -11,7 +11,7 @@ and no number comes back to the host in between. On CUDA a record is a graph; Wa
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -153,7 +153,10 @@ class Work(ABC):
 
     Attributes:
         device: Warp device.
+        runs_beside: Whether the device goes on with what `run` launched beside what is launched within its statement.
     """
+
+    runs_beside = False
 
     def __init__(self, device: str) -> None:
         """Run on a device."""
@@ -163,7 +166,8 @@ class Work(ABC):
     def run(self, key: Hashable, inputs: Sequence[Input], launch: Launch[T]) -> AbstractContextManager[T]:
         """Copy values to the device and launch; the value of the `with` statement is what `launch` returned.
 
-        The arrays of the result hold until the end of the statement, where the device must have been waited for.
+        The arrays of the result hold until the end of the statement, and come to the host by `to_host` alone. Several
+        statements may be open at once. What launches read must not change within the statement.
 
         Args:
             key: All that decides what `launch` does, beside the values and shapes of the inputs; `Same` for objects.
@@ -204,6 +208,10 @@ class _Record:
     arrays: KeptArrays
     result: Any
     graph: wp.Graph | None = None
+    done: wp.Event | None = None
+    """End of the launches, on CUDA."""
+    is_busy: bool = False
+    """True while the statement of a call holds the result."""
 
 
 def can_record(device: str) -> bool:
@@ -215,45 +223,73 @@ class RecordedWork(Work):
     """Launches directly at the first call with a key, records the second one, and replays the record from then on.
 
     The first call loads the kernels and makes all arrays, so that the record holds launches alone. See `can_record`.
+    On CUDA records are replayed in a stream of their own, after all that was launched before: what is launched then
+    neither waits for them nor holds them up. They touch nothing but their own arrays and what they read, and a call
+    ends when the device is done, so that there is nothing else to be put in order.
     """
+
+    runs_beside = True
 
     def __init__(self, device: str) -> None:
         """Hold no record yet."""
         super().__init__(device)
-        self._records: OrderedDict[Hashable, _Record] = OrderedDict()
+        self._records: OrderedDict[tuple[Hashable, tuple[Layout, ...], int], _Record] = OrderedDict()
+        self._stream = wp.Stream(device) if wp.get_device(device).is_cuda else None
 
     @contextmanager
     def run(self, key: Hashable, inputs: Sequence[Input], launch: Launch[T]) -> Iterator[T]:
         """See `Work.run`."""
-        layouts = _layouts(inputs)
-        record = self._records.get((key, layouts))
+        record = self._launched(key, inputs, launch)
+        record.is_busy = True
+        try:
+            yield record.result
+        finally:
+            if record.done is not None:  # over already where results were read
+                wp.synchronize_event(record.done)
+            record.is_busy = False
+
+    def _launched(self, key: Hashable, inputs: Sequence[Input], launch: Launch[Any]) -> _Record:
+        """Return a record that no open statement holds, whose launches the device works on."""
+        layouts, number = _layouts(inputs), 0
+        while (record := self._records.get((key, layouts, number))) is not None and record.is_busy:
+            number += 1
         if record is None:
             block, arrays = PackedArrays(self.device, layouts), KeptArrays(self.device)
             _write(block, inputs)
             record = _Record(block, arrays, launch(arrays, block.upload()))
-            self._records[key, layouts] = record
+            self._records[key, layouts, number] = record
             self._drop()
-            yield record.result
-            return
-        self._records.move_to_end((key, layouts))
+            self._mark(record)
+            return record
+        self._records.move_to_end((key, layouts, number))
         _write(record.inputs, inputs)
-        record.inputs.upload()
         if record.graph is None:
             record.arrays.rewind()
             with wp.ScopedCapture(self.device, force_module_load=False) as capture:
                 record.result = launch(record.arrays, record.inputs.arrays)
             record.graph = capture.graph
-        wp.capture_launch(record.graph)
-        yield record.result
+        with wp.ScopedStream(self._stream) if self._stream else nullcontext():
+            record.inputs.upload()
+            wp.capture_launch(record.graph)
+            self._mark(record)
+        return record
+
+    def _mark(self, record: _Record) -> None:
+        if self._stream is not None:
+            record.done = wp.get_stream(self.device).record_event(record.done)
 
     def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
         """See `Work.to_host`."""
-        found = to_host(arrays)
-        return found if wp.get_device(self.device).is_cuda else [values.copy() for values in found]
+        if self._stream is None:
+            return [values.copy() for values in to_host(arrays)]
+        wp.get_stream(self.device).wait_stream(self._stream)
+        return to_host(arrays)
 
     def forget(self, key: Hashable, inputs: Sequence[Input]) -> None:
         """See `Work.forget`."""
-        self._records.pop((key, _layouts(inputs)), None)
+        own = key, _layouts(inputs)
+        for place in [place for place in self._records if place[:2] == own]:
+            del self._records[place]
 
     def _drop(self) -> None:
         """Drop the records that were not used for longest, as long as there are several with too much memory."""

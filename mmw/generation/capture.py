@@ -1,6 +1,7 @@
 """Capture one batch of frames: ground truth, every sensor and the radio channel, in all weathers."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 
@@ -75,16 +76,49 @@ def capture_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> 
 def capture_sensors(
     batch: Batch, frames: Sequence[int], collected: TableRows, sensors: Sequence[SensorConfig] | None = None
 ) -> None:
-    """Add the rows of every sensor; those whose specs name the same `capture` are traced in one call."""
-    together: dict[str, list[SensorConfig]] = {}
-    for sensor in batch.config.sensors if sensors is None else sensors:
+    """Add the rows of every sensor, see `started_sensors`."""
+    with started_sensors(batch, frames, collected, sensors):
+        pass
+
+
+@contextmanager
+def started_sensors(
+    batch: Batch, frames: Sequence[int], collected: TableRows, sensors: Sequence[SensorConfig] | None = None
+) -> Iterator[None]:
+    """Add the rows of every sensor at the end of a `with` statement.
+
+    Those whose specs have a `start` begin at its beginning and are waited for last: on a GPU the host traces everything
+    else meanwhile. Kinds of sensors that name the same function are traced in one call.
+    """
+    started, captured, alone = _by_function(batch.config.sensors if sensors is None else sensors)
+    with ExitStack() as stack:
+        for start, group in started.items():
+            stack.enter_context(load_reference(start)(batch, group, frames, collected))
+        yield
+        for sensor in alone:
+            _simulate(batch, SENSORS[sensor.type], sensor, frames, collected)
+        for capture, group in captured.items():
+            load_reference(capture)(batch, group, frames, collected)
+
+
+Groups = dict[str, list[SensorConfig]]
+"""Function that captures sensors -> the sensors."""
+
+
+def _by_function(sensors: Iterable[SensorConfig]) -> tuple[Groups, Groups, list[SensorConfig]]:
+    """Return the sensors that are started, those that are captured in groups, and those that are simulated alone."""
+    started: Groups = {}
+    captured: Groups = {}
+    alone = []
+    for sensor in sensors:
         spec = SENSORS[sensor.type]
-        if spec.capture:
-            together.setdefault(spec.capture, []).append(sensor)
+        if spec.start:
+            started.setdefault(spec.start, []).append(sensor)
+        elif spec.capture:
+            captured.setdefault(spec.capture, []).append(sensor)
         else:
-            _simulate(batch, spec, sensor, frames, collected)
-    for capture, group in together.items():
-        load_reference(capture)(batch, group, frames, collected)
+            alone.append(sensor)
+    return started, captured, alone
 
 
 def _simulate(

@@ -10,14 +10,23 @@ from mmw.core.registry import load_reference
 
 
 @pytest.mark.parametrize(
-    "given", [{"simulate": ""}, {"to_tables": ""}, {"capture": "a:b"}, {"to_tables": "", "capture": "", "simulate": ""}]
+    "given",
+    [
+        {"simulate": ""},
+        {"to_tables": ""},
+        {"capture": "a:b"},
+        {"start": "a:b"},
+        {"to_tables": "", "capture": "a:b", "start": "a:b"},
+        {"to_tables": "", "capture": "", "simulate": ""},
+    ],
 )
 def test_a_sensor_has_one_way_to_its_rows(given: dict[str, str]) -> None:
-    with pytest.raises(InputError, match="sensor 'imu': give `simulate`, and either `to_tables` or `capture`"):
+    with pytest.raises(InputError, match="sensor 'imu': give `simulate`, and one of `to_tables`, `capture` and `start`"):
         replace(SENSORS["imu"], **given)
 
 
 @pytest.mark.parametrize("name", ["lidar", "radar", "rgb", "depth", "imu", "gnss"])
 def test_every_kind_gives_samples(name: str) -> None:
     spec = SENSORS[name]
-    assert all(callable(load_reference(reference)) for reference in (spec.simulate, spec.to_tables or spec.capture))
+    rows = spec.to_tables or spec.capture or spec.start
+    assert all(callable(load_reference(reference)) for reference in (spec.simulate, rows))

@@ -98,6 +98,29 @@ def test_forgotten_work_is_made_anew(device: str) -> None:
     assert launched == ["k"] * 3
 
 
+def test_calls_with_one_key_are_open_at_once(device: str) -> None:
+    """Each has arrays of its own, which the next call takes again when the statement has ended."""
+    work, launched = RecordedWork(device), []
+
+    def launch(arrays: NewArrays, inputs: list[wp.array]) -> wp.array:
+        launched.append(len(launched))
+        out = arrays.empty(len(inputs[0]), float)
+        wp.copy(out, inputs[0])
+        return out
+
+    for step in range(4):
+        one, other = (work.run("k", [(np.full(9, step + k), wp.float32)], launch) for k in (0, 10))
+        with one as first, other as second:
+            assert first.ptr != second.ptr
+            assert [values[0] for values in work.to_host([second, first])] == [step + 10, step]
+    assert len(launched) == 4
+    with pytest.raises(ValueError, match="within"), work.run("k", [(np.zeros(9), wp.float32)], launch):
+        raise ValueError("within")
+    with work.run("k", [(np.ones(9), wp.float32)], launch) as found:
+        assert work.to_host([found])[0][0] == 1.0
+    assert len(launched) == 4
+
+
 def test_a_shape_that_the_key_does_not_name_is_an_error(device: str) -> None:
     work, shapes = RecordedWork(device), iter((3, 4))
     none = [(np.zeros(1), wp.float32)]

@@ -11,6 +11,6 @@ from mmw.core.registry import load_reference
 
 _sensors = [SENSORS[name] for name in SENSORS if SENSORS.owner(name) == "mmw"]
 for _spec in _sensors:
-    for _reference in filter(None, (_spec.simulate, _spec.to_tables, _spec.capture, _spec.warm_up)):
+    for _reference in filter(None, (_spec.simulate, _spec.to_tables, _spec.capture, _spec.start, _spec.warm_up)):
         load_reference(_reference)
 load_reference(ENGINES["idm"].simulate)

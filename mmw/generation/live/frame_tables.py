@@ -27,12 +27,11 @@ from mmw.dataset.sample_rows import Row, rows_of_columns, sorted_arrays
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
     capture_boxes,
-    capture_channel,
     capture_poses,
-    capture_sensors,
     capture_sight,
     channel_links,
     channel_rows,
+    started_sensors,
     trace_channel,
 )
 from mmw.generation.pipeline import join_batches
@@ -52,6 +51,9 @@ Maker = tuple[str, ...]
 
 Rows = Mapping[str, list[Any]]
 """Table -> columns of each part of its rows, or the future of them."""
+
+Solve = Callable[[Batch, SurfaceTable], tuple[Links, PathSet]]
+"""Returns the links of a frame on the device, and their paths."""
 
 Load = Callable[[str | None], AbstractContextManager[Batch]]
 """Puts the frame on the device and keeps it there; takes the only agent whose sensors count, or None for all."""
@@ -77,19 +79,28 @@ def table_makers(config: Config) -> dict[str, list[Maker]]:
     return dict(makers)
 
 
-def capture_makers(batch: Batch, makers: Collection[Maker], frames: Sequence[int], rows: TableRows) -> None:
-    """Add the rows of some loaded frames that some makers make, sensors together."""
-    if ("poses",) in makers:
-        capture_poses(batch, frames, rows)
-    if ("boxes",) in makers:
-        capture_boxes(batch, frames, rows)
-    if ("sight",) in makers:
-        capture_sight(batch, frames, rows)
+def capture_makers(
+    batch: Batch, makers: Collection[Maker], frames: Sequence[int], rows: TableRows, solve: Solve | None = None
+) -> None:
+    """Add the rows of some loaded frames that some makers make, sensors together.
+
+    Args:
+        batch: The scenario.
+        makers: The makers; `channel` needs `solve`.
+        frames: The frames.
+        rows: Where the rows go.
+        solve: Returns links of the frames and their paths.
+    """
     sensors = [sensor for sensor in batch.config.sensors if ("sensor", sensor.name) in makers]
-    if sensors:
-        capture_sensors(batch, frames, rows, sensors)
-    if ("channel",) in makers and batch.surfaces is not None:
-        capture_channel(batch, batch.surfaces, channel_links(batch, frames), rows)
+    with started_sensors(batch, frames, rows, sensors):
+        if ("poses",) in makers:
+            capture_poses(batch, frames, rows)
+        if ("boxes",) in makers:
+            capture_boxes(batch, frames, rows)
+        if ("sight",) in makers:
+            capture_sight(batch, frames, rows)
+        if solve is not None and ("channel",) in makers and batch.surfaces is not None:
+            channel_rows(batch, *solve(batch, batch.surfaces), rows)
 
 
 class FrameTables:
@@ -234,9 +245,7 @@ class FrameTables:
         _, weather, frame = self._where
         rows: TableRows = {weather: defaultdict(list)}
         with self._load(agent) as batch:
-            capture_makers(batch, [maker for maker in makers if maker != ("channel",)], [frame], rows)
-            if ("channel",) in makers and batch.surfaces is not None:
-                channel_rows(batch, *self._channel_of(batch, batch.surfaces), rows)
+            capture_makers(batch, makers, [frame], rows, self._channel_of)
         return rows[weather]
 
     def paths(self, carrier_hz: float) -> CarrierPaths | None:

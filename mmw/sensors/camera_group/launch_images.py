@@ -3,8 +3,8 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Hashable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Hashable, Mapping
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 
 import numpy as np
@@ -98,35 +98,52 @@ def range_needs(launch: Launch) -> tuple[RangeNeeds, ...]:
     return tuple(needs)
 
 
-@contextmanager
-def launch_images(batch: Batch, launch: Launch, keys: Mapping[str, np.ndarray]) -> Iterator[LaunchImages]:
-    """Make the images of a launch; those on the device hold until the end of the `with` statement.
+class StartedImages(AbstractContextManager["StartedImages"]):
+    """Images of a launch that the device works on; those on the device hold until the end of a `with` statement."""
 
-    Args:
-        batch: The scenario and its device.
-        launch: The views.
-        keys: Weather -> random numbers of each view, shape [A, 2], uint32.
-    """
-    task = _Task(batch, launch, keys)
-    work = batch.work if len(launch.views) else DirectWork(batch.scene.device)  # an empty record cannot be replayed
-    while True:
-        key = task.key
-        with work.run(key, task.inputs, task.launch) as made:
+    def __init__(self, batch: Batch, launch: Launch, keys: Mapping[str, np.ndarray]) -> None:
+        """Start the launches.
+
+        Args:
+            batch: The scenario and its device.
+            launch: The views.
+            keys: Weather -> random numbers of each view, shape [A, 2], uint32.
+        """
+        self._task = _Task(batch, launch, keys)
+        # An empty record cannot be replayed.
+        self._work = batch.work if len(launch.views) else DirectWork(batch.scene.device)
+        self._running = ExitStack()
+        self._start()
+
+    def _start(self) -> None:
+        self._key = self._task.key
+        self._made = self._running.enter_context(self._work.run(self._key, self._task.inputs, self._task.launch))
+
+    def wait(self) -> LaunchImages:
+        """Return the images once the device has made them; it makes them again where a list had no room."""
+        task, work = self._task, self._work
+        while True:
+            made = self._made
             (block,) = work.to_host([made.small.block])
             small = iter(made.small.on_host(block))
-            if made.lists is not None and not made.lists.fit(next(small)):
-                work.forget(key, task.inputs)
-                continue
-            exposure = {weather: next(small) for weather in made.rgb}
-            files = read_files(made.coded, [next(small) for _ in made.coded], work) if made.coded else []
-            visible = {
-                needs.range_m: VisiblePixels.of(next(small), next(small), next(small))
-                for needs in task.needs
-                if needs.with_boxes
-            }
-            by_weather = dict(zip(made.rgb, files, strict=False))
-            yield LaunchImages(made.depth, visible, made.rgb, exposure, by_weather, made.normals, made.flow)
-            return
+            if made.lists is None or made.lists.fit(next(small)):
+                break
+            work.forget(self._key, task.inputs)
+            self._running.close()
+            self._start()
+        exposure = {weather: next(small) for weather in made.rgb}
+        files = read_files(made.coded, [next(small) for _ in made.coded], work) if made.coded else []
+        visible = {
+            needs.range_m: VisiblePixels.of(next(small), next(small), next(small))
+            for needs in task.needs
+            if needs.with_boxes
+        }
+        by_weather = dict(zip(made.rgb, files, strict=False))
+        return LaunchImages(made.depth, visible, made.rgb, exposure, by_weather, made.normals, made.flow)
+
+    def __exit__(self, *error: object) -> None:
+        """Give the arrays on the device back."""
+        self._running.close()
 
 
 class _Task:

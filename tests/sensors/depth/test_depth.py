@@ -10,7 +10,6 @@ from mmw.config import MountConfig, load_config
 from mmw.scene.scene_data import SceneData
 from mmw.scene.views import make_views
 from mmw.sensors import DepthCamera
-from mmw.sensors.camera_group.capture import capture_cameras
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.storage.codecs.images import decode_depth, decode_instance, decode_semantic
 from mmw.worlds.towns.mesh_part import MeshPart
@@ -24,7 +23,7 @@ from tests.fixtures.scenes import (
     two_cars,
     wall_part,
 )
-from tests.fixtures.sensor_runs import all_carriers, captured
+from tests.fixtures.sensor_runs import all_carriers, capture_cameras, captured
 from tests.fixtures.traced_depth import pixel_rays, traced_depth
 from tests.oracles.tracing import agreeing_rays, cast_rays, sensor_rays
 

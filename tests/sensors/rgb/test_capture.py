@@ -37,7 +37,7 @@ from mmw.storage.codecs.images import (
 )
 from tests.conftest import DEVICES
 from tests.fixtures.scenes import two_cars
-from tests.fixtures.sensor_runs import captured
+from tests.fixtures.sensor_runs import capture_cameras, captured
 
 MOUNT = "mount: {cav: {position_m: [2.31, 0.02, 1.23]}}"
 HEAD = """
@@ -76,7 +76,7 @@ def record(
 ) -> dict[str, dict[str, list[dict]]]:
     """Return the rows of batches of frames by weather and table, in all or some of the weathers; see `captured`."""
     arrays = street() if arrays is None else arrays
-    found = captured(cameras.capture_cameras, config, arrays, device, batches, weathers, puts_off=puts_off)
+    found = captured(capture_cameras, config, arrays, device, batches, weathers, puts_off=puts_off)
     return {weather: {name: table.to_pylist() for name, table in tables.items()} for weather, tables in found.items()}
 
 
@@ -208,6 +208,19 @@ def test_recorded_launches_do_not_change_a_byte(
     assert not launches
     assert record(config, device, steps, arrays, puts_off=True) == direct
     assert len(launches) == 9 + 4 and len(set(launches)) == 2  # two launches, whose first calls are no replays
+
+
+@pytest.mark.parametrize("puts_off", [True, False])
+def test_launches_that_are_alike_are_started_together(device: str, tmp_path: Path, puts_off: bool) -> None:
+    """Two cameras that differ in their mounts alone have launches of their own, whose records must not be mixed up."""
+    back = DEPTH.replace("depth,", "depth, name: back,").replace("cav: {", "cav: {yaw_deg: 180, ")
+    config, steps = configured(tmp_path, DEPTH + back), [[k] for k in range(4)]
+    apart = [record(configured(tmp_path, one), device, steps)["sunny"]["depth"] for one in (DEPTH, back)]
+    together = record(config, device, steps, puts_off=puts_off)["sunny"]["depth"]
+    assert (
+        apart[0][0]["image"]["bytes"] != apart[1][0]["image"]["bytes"]
+        and [row for rows in zip(*apart[::-1], strict=True) for row in rows] == together
+    )
 
 
 @pytest.mark.parametrize("puts_off", [True, False])
