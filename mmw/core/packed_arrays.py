@@ -60,10 +60,10 @@ class PackedArrays:
             self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
 
-    def upload(self) -> list[wp.array]:
-        """Copy the block to the device, and return the arrays there."""
+    def upload(self, stream: wp.Stream | None = None) -> list[wp.array]:
+        """Copy the block to the device, in its current stream if none is given, and return the arrays there."""
         if self._twin is not self._block:
-            wp.copy(self._block, self._twin)
+            wp.copy(self._block, self._twin, stream=stream)
         return self.arrays
 
     def download(self) -> list[np.ndarray]:

@@ -11,7 +11,7 @@ and no number comes back to the host in between. On CUDA a record is a graph; Wa
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -259,7 +259,8 @@ class RecordedWork(Work):
             record = _Record(block, arrays, launch(arrays, block.upload()))
             self._records[key, layouts, number] = record
             self._drop()
-            self._mark(record)
+            if self._stream is not None:
+                record.done = wp.get_stream(self.device).record_event()
             return record
         self._records.move_to_end((key, layouts, number))
         _write(record.inputs, inputs)
@@ -268,15 +269,13 @@ class RecordedWork(Work):
             with wp.ScopedCapture(self.device, force_module_load=False) as capture:
                 record.result = launch(record.arrays, record.inputs.arrays)
             record.graph = capture.graph
-        with wp.ScopedStream(self._stream) if self._stream else nullcontext():
-            record.inputs.upload()
-            wp.capture_launch(record.graph)
-            self._mark(record)
-        return record
-
-    def _mark(self, record: _Record) -> None:
         if self._stream is not None:
-            record.done = wp.get_stream(self.device).record_event(record.done)
+            self._stream.wait_stream(wp.get_stream(self.device))
+        record.inputs.upload(self._stream)
+        wp.capture_launch(record.graph, self._stream)
+        if self._stream is not None:
+            record.done = self._stream.record_event(record.done)
+        return record
 
     def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
         """See `Work.to_host`."""

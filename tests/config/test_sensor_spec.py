@@ -21,7 +21,7 @@ from mmw.core.registry import load_reference
     ],
 )
 def test_a_sensor_has_one_way_to_its_rows(given: dict[str, str]) -> None:
-    with pytest.raises(InputError, match="sensor 'imu': give `simulate`, and one of `to_tables`, `capture` and `start`"):
+    with pytest.raises(InputError, match="'imu': give `simulate`, and one of `to_tables`, `capture` and `start`"):
         replace(SENSORS["imu"], **given)
 
 

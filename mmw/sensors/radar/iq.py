@@ -8,6 +8,7 @@ import math
 import numpy as np
 import warp as wp
 
+from mmw.core.transfer import to_host
 from mmw.kernels.radar import iq as radar_iq
 from mmw.kernels.radar import trace as radar
 from mmw.sensors.radar.config import Radar
@@ -53,4 +54,4 @@ def radar_iq_samples(config: Radar, rays: radar.RadarRays, keys: np.ndarray) -> 
     blocks = math.ceil(samples / 16)
     inputs = [wp.array(keys, dtype=wp.vec2ui, device=device), turns, start, waveform]
     wp.launch(radar_iq.sample_kernel, (len(keys), antennas, chirps, blocks), inputs, [out], device=device)
-    return np.ascontiguousarray(out.numpy()).view(np.complex64)[..., 0]
+    return np.ascontiguousarray(to_host([out])[0]).view(np.complex64)[..., 0]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
+from mmw.core.transfer import to_host
 from mmw.kernels.radar import bounce_paths, echo_paths
 from mmw.kernels.radar import trace as radar
 from mmw.physics.materials.material import Material
@@ -83,7 +84,8 @@ def trace_paths(scene: DeviceScene, views: Views, velocity: np.ndarray, config: 
         outputs = [turns, ground, ghosts]
         wp.launch(bounce_paths.bounce_kernel, shape, inputs, outputs, device=device, block_dim=BLOCK_DIM)
     bounces = (ground, ghosts)[: ECHOES[config.multipath] // 3]
-    used = np.unique(np.concatenate([np.empty(0, np.int32), *(found.mirror_id.numpy().ravel() for found in bounces)]))
+    mirrors = to_host([found.mirror_id for found in bounces])
+    used = np.unique(np.concatenate([np.empty(0, np.int32), *(found.ravel() for found in mirrors)]))
     return TracedPaths(turns, bounces, tuple(int(index) for index in used if index >= 0))
 
 

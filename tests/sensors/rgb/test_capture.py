@@ -203,7 +203,7 @@ def test_recorded_launches_do_not_change_a_byte(
     steps = [[k] for k in range(10)]
     launches: list[object] = []
     replay = wp.capture_launch
-    monkeypatch.setattr(wp, "capture_launch", lambda graph: launches.append(graph) or replay(graph))
+    monkeypatch.setattr(wp, "capture_launch", lambda graph, stream: launches.append(graph) or replay(graph, stream))
     direct = record(config, device, steps, arrays)
     assert not launches
     assert record(config, device, steps, arrays, puts_off=True) == direct
