@@ -55,7 +55,7 @@ def _record(batch: Batch, launch: Launch, started: StartedImages, boxes: Later, 
             images = started.wait()
         for camera in launch.cameras:
             if isinstance(camera.sensor, DepthCamera):
-                record_depth(batch, camera, launch.views, images.depth[camera.sensor.range_m], collected)
+                record_depth(batch, camera, launch.views_of(camera), images.depth[camera.sensor.range_m], collected)
             if camera.sensor.segmentation or camera.sensor.boxes_2d:
                 record_objects(batch, camera, launch, images, boxes, collected)
         if launch.rgb:

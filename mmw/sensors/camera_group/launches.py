@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -83,10 +84,21 @@ class Launch:
         """Its depth cameras."""
         return tuple(camera for camera in self.cameras if isinstance(camera.sensor, DepthCamera))
 
+    def views_of(self, camera: LaunchCamera) -> Views:
+        """Return the views of one of its cameras."""
+        return self._parts[id(camera)]
+
+    @cached_property
+    def _parts(self) -> dict[int, Views]:
+        return {id(camera): self.views.take(camera.rows) for camera in self.cameras}
+
     def pieces(self, max_pixels: int) -> Iterator["Launch"]:
         """Yield the launch in pieces of at most so many pixels, or of one view; one piece where there is no view."""
         step = max(max_pixels // (self.intrinsics.width * self.intrinsics.height), 1)
-        for begin in range(0, max(len(self.views), 1), step):
+        if len(self.views) <= step:
+            yield self
+            return
+        for begin in range(0, len(self.views), step):
             end = begin + step
             own = tuple(
                 LaunchCamera(camera.sensor, camera.rows[(camera.rows >= begin) & (camera.rows < end)] - begin)
@@ -176,11 +188,11 @@ def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:
     launches.append(Launch(views, intrinsics, (LaunchCamera(camera, np.arange(len(views))),)))
 
 
-def _names(views: Views) -> list[tuple[int, int, bytes]]:
+def _names(views: Views) -> list[bytes]:
     """Return the key that distinguishes two views."""
-    return [
-        (int(f), int(i), p.tobytes()) for f, i, p in zip(views.frame, views.ignore_instance, views.pose, strict=True)
-    ]
+    bits = np.ascontiguousarray(views.pose, dtype=np.float64).view(np.int64)
+    key = np.column_stack([views.frame, views.ignore_instance, bits])
+    return key.view(f"V{key.itemsize * key.shape[1]}")[:, 0].tolist()
 
 
 def _sorted(launch: Launch) -> Launch:

@@ -33,7 +33,7 @@ def record_objects(
     Raises:
         InputError: If the scene has more objects than an instance image can store.
     """
-    sensor, views, arrays = camera.sensor, launch.views.take(camera.rows), batch.arrays
+    sensor, views, arrays = camera.sensor, launch.views_of(camera), batch.arrays
     if sensor.segmentation:
         tags = object_tags(arrays)
         with batch.clock.stage("segmentation"):

@@ -15,11 +15,9 @@ MAX_LISTED = 2**31 - 1
 """Numbers that one list column of a shard holds: its offsets are 32-bit."""
 
 
-def record_depth(
-    batch: Batch, camera: LaunchCamera, launched: Views, images: DepthImages, collected: TableRows
-) -> None:
+def record_depth(batch: Batch, camera: LaunchCamera, views: Views, images: DepthImages, collected: TableRows) -> None:
     """Add the images of one depth camera; they are the same in every weather, so each is encoded once."""
-    sensor, views, scenario = camera.sensor, launched.take(camera.rows), batch.scenario.name
+    sensor, scenario = camera.sensor, batch.scenario.name
     is_exact = sensor.format == "float32"
     with batch.clock.stage("depth images"):
         depth = images_of(batch.work, images.depth, camera)

@@ -23,7 +23,7 @@ def record_rgb(batch: Batch, launch: Launch, images: LaunchImages, collected: Ta
         if weather in images.rgb and not files:  # one weather after the other: all at once need three times the memory
             files = _encoded(batch, launch, images.rgb[weather].rgb, config)
         for camera, sensor in cameras:
-            views, own = launch.views.take(camera.rows), {"image": ("", [files[row] for row in camera.rows])}
+            views, own = launch.views_of(camera), {"image": ("", [files[row] for row in camera.rows])}
             suffix = SUFFIX[sensor.format]
             rows = image_rows(batch.arrays, sensor.name, views, own, batch.scenario.name, weather, suffix)
             tables["rgb"].append(rows | rgb_columns(sensor, exposures[camera.rows]))
@@ -57,7 +57,7 @@ def _record_files(
 ) -> None:
     """Add images of the RGB cameras to a table; None for no views."""
     for camera in launch.rgb:
-        views = launch.views.take(camera.rows)
+        views = launch.views_of(camera)
         with batch.clock.stage(table):
             on_host = () if images is None else images_of(batch.work, images, camera)
         encoded = [batch.encoder.submit(encode, image) for image in on_host]
@@ -76,7 +76,7 @@ def random_keys_of(batch: Batch, launch: Launch, weathers: Iterable[str]) -> dic
     for weather in weathers:
         found[weather] = np.zeros((len(launch.views), 2), dtype=np.uint32)
         for camera in launch.rgb:
-            views = launch.views.take(camera.rows)
+            views = launch.views_of(camera)
             found[weather][camera.rows] = view_keys(
                 batch.arrays, views, batch.config.seed, batch.scenario.name, weather, camera.sensor.name
             )
