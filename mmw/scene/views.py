@@ -63,8 +63,7 @@ class Views:
         pose = self.pose.copy()
         if origin is not None:
             pose[:, :3] -= origin
-        poses = pose.astype(np.float32), wp.transformf
-        return [(self.batch_index, wp.int32), poses, (self.ignore_instance, wp.int32)]
+        return list(zip((self.batch_index, pose.astype(np.float32), self.ignore_instance), VIEW_TYPES, strict=True))
 
     def write(self, scene: DeviceScene, columns: Sequence[np.ndarray]) -> None:
         """Write the views to the host side of arrays of `VIEW_TYPES`, after the check of `for_scene`.

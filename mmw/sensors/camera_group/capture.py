@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 
 from mmw.core.later import Later
 from mmw.sensors.batch import Batch, TableRows
@@ -29,7 +30,7 @@ def started_cameras(
     """
     check_lists(batch, [camera for camera in cameras if isinstance(camera, DepthCamera)])
     boxes = Later(batch.pool, make_boxes, batch.arrays, frames, batch.motion)
-    limit, launches = max_pixels(batch.scene.device), make_launches(batch.arrays, cameras, frames)
+    launches, limit = make_launches(cameras, partial(batch.views, frames)), max_pixels(batch.scene.device)
     pieces = [list(launch.pieces(limit)) for launch in launches]
     with ExitStack() as stack:
         ahead: dict[int, StartedImages] = {}

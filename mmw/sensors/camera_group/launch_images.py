@@ -14,7 +14,7 @@ from mmw.core.recorded_work import DirectWork, GatheredArrays, NewArrays, Same
 from mmw.core.remember import remembered
 from mmw.kernels.camera.depth import DepthImages
 from mmw.scene.scene_data import Actor
-from mmw.scene.views import views_struct
+from mmw.scene.views import VIEW_TYPES, views_struct
 from mmw.sensors.batch import Batch
 from mmw.sensors.camera_group.launches import Launch, settings_of, trace_launch
 from mmw.sensors.depth.config import DepthCamera
@@ -27,9 +27,6 @@ from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, de
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.sensors.rgb.frame_inputs import FrameArrays
 from mmw.sensors.rgb.simulate import RgbImages, RgbRenderer
-
-VIEW_FIELDS = 3
-"""Arrays of views among the inputs."""
 
 BATCH_FIELDS = ("instances", "group_root", "instance_pose", "instance_velocity", "instance_rate", "instance_present")
 """Arrays of `structs.Scene` that each batch writes: a record finds them where they were."""
@@ -182,7 +179,8 @@ class _Task:
     def launch(self, arrays: NewArrays, inputs: list[wp.array]) -> _Launched:
         """Launch all kernels."""
         scene, launch, renderer = self._scene, self._launch, self._renderer
-        views, places, frame = views_struct(inputs[:VIEW_FIELDS]), inputs[VIEW_FIELDS], inputs[VIEW_FIELDS + 1 :]
+        own = len(VIEW_TYPES)
+        views, places, frame = views_struct(inputs[:own]), inputs[own], inputs[own + 1 :]
         lists, further = None, 0
         if renderer is not None and self._config is not None:
             lists = RowLists(arrays, renderer.list_shares, launch.pixels)

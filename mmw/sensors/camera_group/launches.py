@@ -1,6 +1,6 @@
 """Group cameras into launches: all RGB cameras of equal settings, and the depth cameras of the same views."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,8 +14,7 @@ from mmw.core.remember import remembered
 from mmw.core.transfer import numpy_type
 from mmw.kernels.shading import structs as shading
 from mmw.scene.device_scene import DeviceScene
-from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, join_views, sample_views
+from mmw.scene.views import Views, join_views
 from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import SampleBuffer, trace_samples
@@ -141,15 +140,19 @@ def max_pixels(device: str) -> int:
     return min(MAX_PIXELS, found.total_memory // BYTES_PER_PIXEL) if found.is_cuda else MAX_PIXELS_CPU
 
 
-def make_launches(arrays: SceneData, cameras: Sequence[Camera], frames: Sequence[int]) -> list[Launch]:
+def make_launches(cameras: Sequence[Camera], views_of: Callable[[Camera], Views]) -> list[Launch]:
     """Return the launches that cameras need in a batch of frames.
 
     RGB cameras of equal settings share one; a depth camera joins the first launch of the same intrinsics that has all
     its views, and has its own where there is none. How cameras are grouped changes no pixel.
+
+    Args:
+        cameras: The cameras.
+        views_of: Returns the views of a camera in the batch.
     """
     launches: list[Launch] = []
     for group in _groups([camera for camera in cameras if isinstance(camera, RgbCamera)]):
-        parts = [sample_views(arrays, frames, camera) for camera in group]
+        parts = [views_of(camera) for camera in group]
         ends = np.cumsum([len(part) for part in parts])
         own = tuple(
             LaunchCamera(camera, np.arange(end - len(part), end))
@@ -158,7 +161,7 @@ def make_launches(arrays: SceneData, cameras: Sequence[Camera], frames: Sequence
         launches.append(Launch(join_views(parts), intrinsics_of(group[0]), own))
     for camera in cameras:
         if isinstance(camera, DepthCamera):
-            _join(launches, camera, sample_views(arrays, frames, camera))
+            _join(launches, camera, views_of(camera))
     return [_sorted(launch) for launch in launches]
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from mmw.config.lens import LensConfig
 from mmw.core.transforms import compose, invert, transform_points
 from mmw.scene.rows import static_rows
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import make_views
+from mmw.scene.views import make_views, sample_views
 from mmw.sensors import DepthCamera, RgbCamera
 from mmw.sensors.camera_group import capture as cameras
 from mmw.sensors.camera_group import launch_images
@@ -291,8 +292,8 @@ def test_an_image_each_few_frames(device: str, tmp_path: Path) -> None:
 
 def test_which_cameras_share_a_launch() -> None:
     arrays, frames = street(), [0, 1, 2, 3]
-    depth = DepthCamera()
-    (shared,) = make_launches(arrays, [depth, *paper_cameras()], frames)
+    depth, views_of = DepthCamera(), partial(sample_views, arrays, frames)
+    (shared,) = make_launches([depth, *paper_cameras()], views_of)
     assert [camera.sensor.name for camera in shared.cameras] == ["front", "back", "left", "right", "depth"]
     assert len(shared.views) == 4 * 5 and shared.range_m == 5000.0
     for camera in shared.cameras:
@@ -304,16 +305,16 @@ def test_which_cameras_share_a_launch() -> None:
     np.testing.assert_array_equal(shared.depth[0].rows, np.arange(4))  # in one piece
     front = RgbCamera()
     for other in (DepthCamera(fov_deg=90.0), DepthCamera(mount={"rsu": MountConfig(position_m=(0, 0, 4.1))})):
-        assert [len(launch.cameras) for launch in make_launches(arrays, [front, other], frames)] == [1, 1]
+        assert [len(launch.cameras) for launch in make_launches([front, other], views_of)] == [1, 1]
     others = [RgbCamera(name="b", samples=1), RgbCamera(name="c", lens=LensConfig(model="fisheye"))]
-    assert [launch.name for launch in make_launches(arrays, [front, *others], frames)] == ["front", "b", "c"]
+    assert [launch.name for launch in make_launches([front, *others], views_of)] == ["front", "b", "c"]
     # A camera that skips frames does not have every view of the depth camera.
-    assert len(make_launches(arrays, [RgbCamera(rate_hz=50), depth], frames)) == 2
-    assert len(make_launches(arrays, [RgbCamera(rate_hz=50), depth], [2])) == 1
+    assert len(make_launches([RgbCamera(rate_hz=50), depth], views_of)) == 2
+    assert len(make_launches([RgbCamera(rate_hz=50), depth], partial(sample_views, arrays, [2]))) == 1
 
 
 def test_pieces_of_a_launch_hold_every_row_once() -> None:
-    (launch,) = make_launches(street(), [DepthCamera(), *paper_cameras()], [0, 1, 2])
+    (launch,) = make_launches([DepthCamera(), *paper_cameras()], partial(sample_views, street(), [0, 1, 2]))
     pieces = list(launch.pieces(4 * 640 * 480))
     assert [len(piece.views) for piece in pieces] == [4, 4, 4, 3]
     for index, camera in enumerate(launch.cameras):
