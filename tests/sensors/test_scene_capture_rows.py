@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from mmw.config import Config, load_config
-from mmw.generation.capture import capture_sensors
+from mmw.generation.capture import capture_sensors, started_sensors
+from mmw.sensors.camera_group.launch_images import StartedImages
 from mmw.sensors.lidar.rows import LISTS
+from mmw.sensors.radar import capture as radar
 from mmw.sensors.scene_capture import capture
 from mmw.storage.codecs.images import (
     decode_instance,
@@ -182,3 +184,30 @@ def test_a_sample_on_an_agent_is_the_row_of_a_run(device: str, config: Config, r
                 return rows[weather, table, agent, name][index]
 
             CHECKS[sensor.type](sample, row)
+
+
+@pytest.mark.parametrize("puts_off", [True, False])
+def test_cameras_start_first_and_are_waited_for_last(
+    config: Config, device: str, monkeypatch: pytest.MonkeyPatch, puts_off: bool
+) -> None:
+    """In a live frame; in a run, whose launches are as large as the memory allows, they come after everything else."""
+    events: list[str] = []
+
+    def logged(owner: Any, name: str, event: str) -> None:
+        call = getattr(owner, name)
+        monkeypatch.setattr(owner, name, lambda *args: events.append(event) or call(*args))
+
+    logged(StartedImages, "__init__", "start")
+    logged(StartedImages, "wait", "wait")
+    logged(radar, "scans", "radar")
+
+    def run(batch: Any, _: Any, frames: Any, collected: Any) -> None:
+        with started_sensors(batch, frames, collected):
+            events.append("within")
+
+    captured(run, config, street(), device, [[0]], puts_off=puts_off)
+    others = ["within", "radar", "radar"]
+    launches = events.count("start")  # RGB with its depth camera, and perhaps depth of another agent
+    assert launches in (1, 2)
+    ahead = ["start"] * launches + others + ["wait"] * launches
+    assert events == (ahead if puts_off else others + ["start", "wait"] * launches)
