@@ -49,14 +49,14 @@ class PackedArrays:
         """Allocate them; see `borrow_arrays` for arrays that are needed again and again."""
         self._key = device, layouts, is_scratch
         self._offsets, size = _offsets(layouts)
-        self._block = self._twin = wp.empty(size, dtype=wp.uint8, device=device)
+        self._block = self._twin = _memory(size, device)
         self._is_large = size > KEPT_BYTES
         self._is_kept = not self._is_large or (is_scratch and size <= KEPT_SCRATCH_BYTES)
         self.arrays = _views(self._block, layouts, self._offsets)
         self.host: list[np.ndarray] = []
         if not is_scratch:
             if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
-                self._twin = wp.empty(size, dtype=wp.uint8, device="cpu", pinned=self._is_kept)
+                self._twin = _memory(size, "cpu", pinned=self._is_kept)
             self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
 
@@ -119,24 +119,29 @@ def device_arrays(device: str, layouts: Sequence[Layout]) -> list[wp.array]:
         layouts: Shape and type of each array.
     """
     offsets, size = _offsets(layouts)
-    return _views(wp.empty(size, dtype=wp.uint8, device=device), layouts, offsets)
+    return _views(_memory(size, device), layouts, offsets)
 
 
 def packed_block(device: str, layouts: Sequence[Layout]) -> tuple[wp.array, list[wp.array], HostViews]:
-    """Return a block of bytes on a device, arrays that share it, and what finds them in a copy of it on the host.
+    """Return a block of memory on a device, arrays that share it, and what finds them in a copy of it on the host.
 
     Args:
         device: Warp device.
         layouts: Shape and type of each array.
     """
     offsets, size = _offsets(layouts)
-    block = wp.empty(size, dtype=wp.uint8, device=device)
+    block = _memory(size, device)
     return block, _views(block, layouts, offsets), lambda host: _host_views(host, layouts, offsets)
 
 
 def padded_count(count: int) -> int:
     """Return a number of rows of at least `count`, one of few, so that blocks of similar sizes are used again."""
     return count if count > KEPT_BYTES else max(64, 1 << (count - 1).bit_length())
+
+
+def _memory(size: int, device: str, *, pinned: bool = False) -> wp.array:
+    """Return memory of a number of bytes, a multiple of `ALIGNMENT`, as large elements: Warp counts them in 31 bits."""
+    return wp.empty(size // ALIGNMENT, dtype=wp.mat44, device=device, pinned=pinned)
 
 
 @cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmw.core.packed_arrays import KEPT_BYTES, borrow_arrays, device_arrays, padded_count
+from mmw.core.packed_arrays import KEPT_BYTES, PackedArrays, borrow_arrays, device_arrays, padded_count
 
 
 @pytest.mark.parametrize("rows", [5, KEPT_BYTES // 8 + 1])
@@ -73,3 +73,13 @@ def test_scratch_is_kept_though_it_is_large_but_only_one_block_of_a_kind(device)
     again = [borrow_arrays(device, *layouts, is_scratch=True) for _ in range(2)]
     assert again[0] is one and again[1] is not other
     assert borrow_arrays(device, *layouts) not in (one, other)
+
+
+def test_blocks_may_be_larger_than_two_gibibytes() -> None:
+    """Memory that is never written costs nothing."""
+    half = ((1 << 28) + 64,), wp.int32
+    block = PackedArrays("cpu", (half, half, ((2,), wp.float64)), is_scratch=True)
+    first, second, last = block.arrays
+    assert second.ptr - first.ptr == 4 * ((1 << 28) + 64)
+    last.fill_(3.0)
+    np.testing.assert_array_equal(last.numpy(), 3.0)
