@@ -5,6 +5,7 @@ import shutil
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from bench.scenes import grid_town, with_vehicles
@@ -13,6 +14,7 @@ from mmw.physics.weather.weather import PRESETS
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.prepare import prepare_scenario, read_scenario
 from mmw.scene.scene_data import SceneData
+from mmw.scene.views import sample_views
 from mmw.sensors import RgbCamera
 from mmw.sensors.camera_group.launches import Launch, make_launches
 from mmw.sensors.rgb.config import paper_cameras
@@ -86,7 +88,7 @@ def launch_of(arrays: SceneData, frames: int, settings: RgbCamera, max_views: in
         settings.model_copy(update={"name": camera.name, "on": camera.on, "mount": camera.mount})
         for camera in paper_cameras()
     ]
-    (launch,) = make_launches(arrays, cameras, range(frames))
+    (launch,) = make_launches(cameras, partial(sample_views, arrays, range(frames)))
     if max_views is not None and max_views < len(launch.views):
         side = settings.width_px * settings.height_px
         launch = next(iter(launch.pieces(max_views * side)))
