@@ -242,8 +242,9 @@ def refine_kernel(
     """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
 
     The first `sights` candidates are the lines of sight of the links of these numbers. Those of `listed` follow, as
-    many as are `given`, or, where that is negative, as the counts tell; thread c takes candidate `begin` + c. `origin` is the world position of the scene
-    frame's origin. Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, S), block_dim=64.
+    many as are `given`, or, where that is negative, as the counts tell; thread c takes candidate `begin` + c. `origin`
+    is the world position of the scene frame's origin. Of S threads one works, see `mmw.core.device.thread_spread`.
+    Launch: dim=(C, S), block_dim=64.
     """
     candidate, lane = wp.tid()
     if lane > 0:
