@@ -9,6 +9,7 @@ import pytest
 
 from mmw.core.errors import InputError
 from mmw.traffic.demand import TrafficDemand
+from mmw.traffic.live import vehicle_server
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_engine import LiveEngine
 from mmw.traffic.live.live_traffic import LiveTraffic, Started
@@ -137,6 +138,24 @@ def test_fault_of_an_episode_is_its_own_answer(ring: LaneGraph, where: str, monk
         traffic.advance(row + 1)
         served[seed][1].advance(row + 1)
         assert served[seed][1].poses.tobytes() == traffic.poses.tobytes()
+
+
+def test_fault_of_the_joint_evaluation_counts_for_all(ring: LaneGraph, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows that can be had of each episode alone, but not of both at once, tell of a fault: they are not used."""
+    asked, seeds = sedans_on(ring, frame_count=40), range(2)
+    server = VehicleServer(asked)
+    both = begin(server, asked, seeds)
+    rows_after = vehicle_server.rows_after
+
+    def fail_for_two(vehicles: Any, row: int) -> Any:
+        if len(vehicles) > 1:
+            raise FloatingPointError("only together")
+        return rows_after(vehicles, row)
+
+    monkeypatch.setattr(vehicle_server, "rows_after", fail_for_two)
+    calls = [vehicles.ask(traffic.rows, traffic.seen) for vehicles, traffic in both.values()]
+    answers = server.answer([], calls)
+    assert [str(answer) for answer in answers] == ["only together"] * 2
 
 
 def test_episode_that_cannot_start_is_its_own_answer_and_a_forgotten_one_is_gone(
