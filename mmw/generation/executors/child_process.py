@@ -51,7 +51,7 @@ class ChildProcess:
         """
         try:
             return self.connection.recv()
-        except (EOFError, OSError):
+        except (EOFError, ConnectionError):  # any other fault of the connection is one of this program
             self._process.join()
             code = self._process.exitcode
             cause = f"by signal {-code}" if code is not None and code < 0 else f"with exit code {code}"
