@@ -22,7 +22,7 @@ def started_cameras(
 ) -> Iterator[None]:
     """Add the images of all RGB and depth cameras, and what the same rays show, at the end of a `with` statement.
 
-    Where the device can work on them beside other launches, it starts at the beginning of the statement.
+    A device that can work on them beside other launches starts at the beginning of the statement.
 
     Raises:
         InputError: If a shard would hold more unrounded depths than a list column holds, or the scene more objects

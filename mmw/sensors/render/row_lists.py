@@ -1,7 +1,7 @@
 """List rows of samples whose number only the device knows: launches have room for as many as were needed so far.
 
-What the lists hold is counted on the device, and the counts come to the host with the images. Where one exceeds its
-room, the images are made again with more (`RowLists.fit`).
+Rows are counted on the device, and the counts come to the host with the images. If one exceeds the room of its list,
+the images are made again with more (`RowLists.fit`).
 """
 
 # Warp's structs and small number types are objects, not classes, to a type checker.
@@ -26,7 +26,7 @@ SHARES = {"edges": 0.25, "traced": 0.15, "shaded": 0.03, "reflected": 0.35, "wor
 traced and shaded, reflected rays, words of JPEG files. Design values, above those of 13 images of 320 x 240 of
 `town03_roundabout`: 0.19, 0.14, 0.02, 0.08 (0.33 in rain), 0.09."""
 
-LEAST_ROOM = 1 << 13
+MIN_ROOM = 1 << 13
 """Rows that each list has room for at least, as far as there can be so many: small images need no second try."""
 
 MARGIN = 1.25
@@ -56,7 +56,7 @@ class ListShares:
             pixels: Pixel centers.
             most: Rows that there can be.
         """
-        return min(max(math.ceil(self.shares[name] * pixels), LEAST_ROOM), most)
+        return min(max(math.ceil(self.shares[name] * pixels), MIN_ROOM), most)
 
 
 @dataclass(frozen=True)

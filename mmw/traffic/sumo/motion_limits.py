@@ -42,7 +42,7 @@ a surplus of about 1 m/s; a braking that lasts must be followed. Design values."
 WIDER_BRAKING, WIDER_JERK = 10.0, 60.0
 """How much harder and sooner, for every meter and meter a second beyond [m/s^2, m/s^3]. Design values."""
 
-MOST_BRAKING, MOST_JERK = 7.0, 30.0
+MAX_BRAKING, MAX_JERK = 7.0, 30.0
 """Limits that are not widened [m/s^2, m/s^3]: to catch up with SUMO's 6 m/s^2, on a dry road. Design values."""
 
 BEHIND_M, WIDER_ACCELERATION = 0.15, 2.0
@@ -186,8 +186,8 @@ class MotionLimits:
         state = np.stack([ahead, speed - (known[2] - known[1]) / FRAME_DT, last - sumo[0]])
         jerk = preview @ (np.diff(sumo, axis=0) / FRAME_DT) - gain @ state
         beyond = np.maximum(ahead - SURPLUS_M, 0.0) + _surplus(known, speed, last, hardest)
-        most = np.minimum(JERK_LIMIT + WIDER_JERK * beyond, MOST_JERK)
-        lowest = -np.minimum(hardest + WIDER_BRAKING * beyond, MOST_BRAKING)
+        most = np.minimum(JERK_LIMIT + WIDER_JERK * beyond, MAX_JERK)
+        lowest = -np.minimum(hardest + WIDER_BRAKING * beyond, MAX_BRAKING)
         # sqrt(2 j v): the jerk j ends a stop without a jump
         lowest = np.maximum(lowest, -np.sqrt(2 * np.minimum(most, 2 * JERK_LIMIT) * np.maximum(speed, 0.0)))
         highest = self.fastest[some] + WIDER_ACCELERATION * np.maximum(-ahead - BEHIND_M, 0.0)

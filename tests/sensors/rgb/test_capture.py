@@ -232,7 +232,7 @@ def test_lists_without_room_do_not_change_a_byte(
     monkeypatch.setattr(launch_images, "makes_files", lambda _: True)
     sensors = (FRONT + MAST).replace("format: png", "format: jpeg")
     exact = record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]])
-    monkeypatch.setattr(row_lists, "LEAST_ROOM", 1)
+    monkeypatch.setattr(row_lists, "MIN_ROOM", 1)
     monkeypatch.setattr(row_lists, "SHARES", dict.fromkeys(row_lists.SHARES, 1e-4))
     assert record(configured(tmp_path, sensors + DEPTH), device, [[1, 3]], puts_off=puts_off) == exact
 

@@ -11,8 +11,8 @@ from mmw.traffic.sumo.motion_limits import (
     HELD_ROWS,
     JERK_LIMIT,
     LEAD_ROWS,
-    MOST_BRAKING,
-    MOST_JERK,
+    MAX_BRAKING,
+    MAX_JERK,
     POLE,
     MotionLimits,
 )
@@ -119,9 +119,9 @@ def test_stop_beyond_the_limits_ends_a_little_ahead_and_off_again_without_a_jump
         np.hypot(*np.diff(columns[2 : len(found) + 2, :2], axis=0).T)
     )
     assert ahead.min() > -0.15 and 0.1 < ahead.max() < 1.0, "SUMO keeps 2 m"
-    assert along(found, 1).min() >= 0.0 and along(found, 2).min() > -MOST_BRAKING - 0.01
+    assert along(found, 1).min() >= 0.0 and along(found, 2).min() > -MAX_BRAKING - 0.01
     jerk = np.abs(np.diff(found, n=3, axis=0)[:, :2]).max() / FRAME_DT**3
-    assert jerk < MOST_JERK + speed**3 / 60.0**2  # and that of the circle
+    assert jerk < MAX_JERK + speed**3 / 60.0**2  # and that of the circle
     moves = along(found[-1000:], 1).min() > 1.0
     assert moves and np.linalg.norm(found[-1] - columns[len(found) + 1]) < 1e-6
 
