@@ -59,7 +59,7 @@ The first command replaces only what it measures (`--scenarios`, `--physics`, `-
 LIVES = f"""
 ## Lives of paths
 
-Identifiers `path_id` over successive frames, without diffuse paths. Births and jumps count within {RANGE_DB:g} dB of the strongest path of the link. Lives are those of paths of which the preset leaves out the weakest: `standard` was traced to {RANGE_DB + BELOW_DB:g} dB for them, so a path that crosses {RANGE_DB:g} dB is not born. `full` was measured before diffracted paths at edges side by side shared a name.
+Identifiers `path_id` over successive frames, without diffuse paths. Births and jumps count within {RANGE_DB:g} dB of the strongest path of the link. Lives are those of paths of which the preset leaves out the weakest: `standard` was traced to {RANGE_DB + BELOW_DB:g} dB for them, so a path that crosses {RANGE_DB:g} dB is not born.
 
 - **births**: paths per link-frame that the link did not have in the frame before; **continue**: of these, share where a path of nearly the same length (within {SAME_LENGTH_M_S / RATE_HZ:g} m) ended there; **one wave**: and of the same directions (within {np.degrees(SAME_WAVE_RAD):.2g} deg)
 - **life**: median lifetime after a birth by the estimator of Kaplan and Meier, which counts paths that outlast the recording; **one frame**: share of lives that end after their first frame
