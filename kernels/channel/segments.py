@@ -2,7 +2,16 @@
 
 import warp as wp
 
-from mmw.kernels.channel.surfaces import Plane, Surfaces, holds, lift_at, mean_plane, plane_at
+from mmw.kernels.channel.surfaces import (
+    BOX_TOLERANCE,
+    Plane,
+    Surfaces,
+    lift_at,
+    mean_plane,
+    next_member,
+    plane_at,
+    to_carrier,
+)
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import single
 from mmw.kernels.core.structs import MISS_ID, Scene
@@ -179,15 +188,16 @@ def trace_segment(
         if not is_own(hit.surface, segment.own) and hit.surface != passed:
             passed = hit.surface
             plane = surfaces.plane[passed]
-            member = surfaces.first_member[plane + 1]
+            member = wp.int32(-1)
+            local = to_carrier(at, pose, batch_index, surfaces.carrier[passed])
             if crosses(surfaces, pose, batch_index, segment, passed, at):
                 written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
-                member = surfaces.first_member[plane]
-            while written >= 0 and member < surfaces.first_member[plane + 1]:
+                member = next_member(surfaces, plane, surfaces.first_member[plane] - 1, local, BOX_TOLERANCE)
+            while written >= 0 and member >= 0:
                 other = surfaces.member[member]
-                if other != passed and not is_own(other, segment.own) and holds(surfaces, pose, batch_index, other, at):
+                if other != passed and not is_own(other, segment.own):
                     written = pass_slab(surfaces, pose, batch_index, segment, other, at, row, written, limit, hits)
-                member = member + 1
+                member = next_member(surfaces, plane, member, local, BOX_TOLERANCE)
             back = closest_hit(scene, batch_index, single(position - origin), -direction, wp.float32(step), MISS_ID)
             is_hidden = written >= 0 and back.surface != MISS_ID and not is_own(back.surface, segment.own)
             if is_hidden and surfaces.plane[back.surface] != plane:

@@ -19,7 +19,7 @@ BOX_TOLERANCE = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
 """Tolerance of a traced point against the box of its surface [m]."""
 
 BLOCK = 16
-"""Triangles of a surface that share a box. Design value."""
+"""Triangles of a surface, and surfaces of a plane, that share a box. Design value."""
 
 
 @wp.struct
@@ -64,6 +64,14 @@ class Surfaces:
     """First entry of each plane in `member`, and the number of entries, shape [K + 1]."""
     member: wp.array[int]
     """Surfaces of each plane, the smallest first, one plane after the other, shape [G]."""
+    neighbor: wp.array[int]
+    """Entries of `member`, sorted along a space-filling curve within each plane, shape [G]."""
+    first_member_block: wp.array[int]
+    """First box of each plane's blocks of `neighbor`; planes of up to `BLOCK` surfaces have none, shape [K]."""
+    member_lower: wp.array[wp.vec3d]
+    """Low corner of the box around the surfaces of a block of `neighbor` [m], shape [M]."""
+    member_upper: wp.array[wp.vec3d]
+    """High corner of that box [m], shape [M]."""
 
 
 @wp.struct
@@ -211,12 +219,45 @@ def triangle_at(
 
 
 @wp.func
-def holds(surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, surface: int, point: wp.vec3d) -> bool:
-    """Return whether a surface holds a world point that lies in its plane."""
-    local = to_carrier(point, pose, batch_index, surfaces.carrier[surface])
+def holds(surfaces: Surfaces, surface: int, local: wp.vec3d, slack: wp.vec3d) -> bool:
+    """Return whether a surface holds a point of its plane in its carrier's frame; its box counts with some slack."""
     row = surfaces.row[surface]
-    is_near = in_box(surfaces.lower[row] - BOX_TOLERANCE, surfaces.upper[row] + BOX_TOLERANCE, local)
+    is_near = in_box(surfaces.lower[row] - slack, surfaces.upper[row] + slack, local)
     return is_near and local_triangle(surfaces, surface, local) >= 0
+
+
+@wp.func
+def next_member(surfaces: Surfaces, plane: int, after: int, local: wp.vec3d, slack: wp.vec3d) -> int:
+    """Return the first entry of `member` behind `after` whose surface holds a point of a plane, -1 if none does.
+
+    Args:
+        surfaces: The surfaces.
+        plane: The plane.
+        after: Entry of `member` of the plane, or the one before its first.
+        local: The point in the frame of the plane's carrier [m].
+        slack: Slack of the boxes of the surfaces [m].
+    """
+    begin = surfaces.first_member[plane]
+    end = surfaces.first_member[plane + 1]
+    found = wp.int32(-1)
+    if end - begin <= BLOCK:
+        index = after + 1
+        while index < end and found < 0:
+            if holds(surfaces, surfaces.member[index], local, slack):
+                found = index
+            index = index + 1
+        return found
+    block = surfaces.first_member_block[plane]
+    while begin < end:
+        if in_box(surfaces.member_lower[block] - slack, surfaces.member_upper[block] + slack, local):
+            for place in range(begin, wp.min(begin + BLOCK, end)):
+                index = surfaces.neighbor[place]
+                is_sooner = index > after and (found < 0 or index < found)
+                if is_sooner and holds(surfaces, surfaces.member[index], local, slack):
+                    found = index
+        begin = begin + BLOCK
+        block = block + 1
+    return found
 
 
 @wp.func
@@ -225,17 +266,10 @@ def surface_at(
 ) -> int:
     """Return the smallest surface of a plane that holds a world point, -1 if none does."""
     local = to_carrier(point, pose, batch_index, surfaces.carrier[surfaces.lead[plane]])
-    index = surfaces.first_member[plane]
-    last = surfaces.first_member[plane + 1]
-    found = wp.int32(-1)
-    while index < last and found < 0:
-        surface = surfaces.member[index]
-        row = surfaces.row[surface]
-        is_near = in_box(surfaces.lower[row], surfaces.upper[row], local)
-        if is_near and local_triangle(surfaces, surface, local) >= 0:
-            found = surface
-        index = index + 1
-    return found
+    index = next_member(surfaces, plane, surfaces.first_member[plane] - 1, local, wp.vec3d())
+    if index < 0:
+        return -1
+    return surfaces.member[index]
 
 
 @wp.func

@@ -12,9 +12,10 @@ from mmw.channel.path_solver.curved_surfaces import CurvedTable, make_curved_tab
 from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
+from mmw.channel.path_solver.surface_blocks import member_blocks, triangle_blocks
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.finite_surfaces import Outlines
-from mmw.kernels.channel.surfaces import BLOCK, Surfaces
+from mmw.kernels.channel.surfaces import Surfaces
 from mmw.kernels.core import structs
 from mmw.physics.em.vectors import dot, norm
 from mmw.scene.device_scene import DeviceScene
@@ -26,10 +27,6 @@ own [m]: less than float32 rays resolve in a town."""
 
 REACH_M = 100.0
 """Distance over which the tilt of two normals is measured against `SAME_PLANE_M` in the first, coarse search [m]."""
-
-BLOCK_MARGIN_M = 1e-2
-"""Points this far from the box of some triangles may still count as in them [m]: ten times what a flat surface may
-bend (`mmw.core.planar_surfaces.PLANE_M`)."""
 
 
 @dataclass(frozen=True)
@@ -291,6 +288,9 @@ def _to_device(
     plane_lower = np.minimum.reduceat(lower[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
     plane_upper = np.maximum.reduceat(upper[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
     first_block, block_lower, block_upper = triangle_blocks(table["triangle"], table["first"], table["triangle_count"])
+    neighbor, first_member_block, member_lower, member_upper = member_blocks(
+        first_member, lower[row[member]], upper[row[member]]
+    )
     surfaces = Surfaces()
     for name, values, dtype in (
         ("row", table["row"], wp.int32),
@@ -312,34 +312,13 @@ def _to_device(
         ("plane_upper", plane_upper, wp.vec3d),
         ("first_member", first_member, wp.int32),
         ("member", member, wp.int32),
+        ("neighbor", neighbor, wp.int32),
+        ("first_member_block", first_member_block, wp.int32),
+        ("member_lower", member_lower, wp.vec3d),
+        ("member_upper", member_upper, wp.vec3d),
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
     return surfaces
-
-
-def triangle_blocks(triangle: np.ndarray, first: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return boxes around blocks of successive triangles, so that a point is not tested against all of a surface.
-
-    Args:
-        triangle: Corners of all triangles [m], shape [T, 3, 3].
-        first: First triangle of each row, shape [K].
-        count: Triangles of each row, > 0, shape [K].
-
-    Returns:
-        First block of each row, 0 for rows of up to `BLOCK` triangles, which have none, shape [K]; low and high corners
-        of the blocks [m], shapes [B, 3].
-    """
-    blocks = np.where(count > BLOCK, -(-count // BLOCK), 0)
-    first_block = np.cumsum(blocks) - blocks
-    row = np.repeat(np.arange(len(count)), blocks)
-    begin = first[row] + BLOCK * (np.arange(len(row)) - first_block[row])
-    if not len(begin):
-        return first_block, np.zeros((0, 3)), np.zeros((0, 3))
-    ends = np.column_stack([begin, np.minimum(begin + BLOCK, first[row] + count[row])]).reshape(-1)
-    ends = ends[: len(ends) - (ends[-1] == len(triangle))]  # `reduceat` takes no end behind the last
-    lower = np.minimum.reduceat(triangle.min(axis=1), ends)[::2]
-    upper = np.maximum.reduceat(triangle.max(axis=1), ends)[::2]
-    return first_block, lower - BLOCK_MARGIN_M, upper + BLOCK_MARGIN_M
 
 
 def group_coplanar(

@@ -22,13 +22,14 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.solver import check_channel_materials, path_gains, trace_links
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_table import samples_from_paths
-from mmw.channel.radio_map.cell_points import grid_in_cells, spatial_order
+from mmw.channel.radio_map.cell_points import grid_in_cells
 from mmw.channel.radio_map.measurement_surface import MeasurementSurface
 from mmw.channel.radio_map.radio_map import RadioMap, RadioMapConfig
 from mmw.channel.radio_map.transmitters import Transmitters
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
+from mmw.core.spatial_order import spatial_order
 from mmw.physics.em.vectors import unit_vector
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import log_extrapolations

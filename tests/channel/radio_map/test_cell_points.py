@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mmw.channel import mesh_surface, plane_grid
-from mmw.channel.radio_map.cell_points import find_cells, grid_in_cells, spatial_order
+from mmw.channel.radio_map.cell_points import find_cells, grid_in_cells
 
 
 def surfaces():
@@ -31,12 +31,3 @@ def test_the_mean_over_points_is_that_over_the_area() -> None:
     corner = mesh_surface([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)])
     assert (grid_in_cells(square, 10_000)[:, 0] ** 2).mean() == pytest.approx(1 / 12, rel=2e-4)
     assert (grid_in_cells(corner, 10_000)[:, 0] ** 2).mean() == pytest.approx(1 / 6, rel=2e-4)
-
-
-def test_neighbors_in_order_are_near_each_other() -> None:
-    points = grid_in_cells(plane_grid((50.0, 900.0, 2.0), (128.0, 128.0), 1.0), 1)
-    order = spatial_order(points)
-    np.testing.assert_array_equal(np.sort(order), np.arange(len(points)))
-    blocks = points[order].reshape(-1, 16, 3)
-    assert np.median(np.ptp(blocks, axis=1).max(axis=1)) <= 5.0  # of 4 m x 4 m, where a row of 16 takes 15 m
-    np.testing.assert_array_equal(spatial_order(np.zeros((5, 3))), np.arange(5))
