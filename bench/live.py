@@ -2,8 +2,9 @@
 
 `quickstart` with the LiDAR of the paper on `cav_1`; with `--suite` all sensors of `configs/full.yaml`. Every step is
 timed from its control to the last row on the host; median and 99th percentile count, after a warm-up, and the mean time
-that the process had a core, which tells what a machine without other work would take. The episode starts anew where its
-frames end.
+that the process had a core, which tells what a machine without other work would take. `alone` is the median without
+that of `poses`, which every look begins with: the step of the traffic, and the frame on the device. The episode starts
+anew where its frames end.
 """
 
 import argparse
@@ -99,18 +100,22 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--device", default="cuda:0" if wp.get_cuda_device_count() else "cpu", help="cpu or cuda:N")
     parser.add_argument("--steps", type=int, default=200, help="timed steps of each line")
     parser.add_argument("--suite", action="store_true", help="all sensors of configs/full.yaml, in town03_roundabout")
+    parser.add_argument("--scenario", help="one of the configuration's; the first by default")
     parser.add_argument("overrides", nargs="*", help="KEY=VALUE of the configuration")
     options = parser.parse_args(arguments)
     own = [] if options.suite else ["sensors=[{type: lidar, on: [cav_1]}]"]
     config = mmw.load_config("full" if options.suite else "quickstart", ["frames.count=1000", *own, *options.overrides])
     looks = suite_looks(config) if options.suite else LOOKS
     print(", ".join(f"{key} {value}" for key, value in machine(options.device).items()))
-    with mmw.Simulation(config, mode="live", device=options.device) as simulation:
-        print("looked at               median ms   99 % ms   steps/s    CPU ms     calls")
+    with mmw.Simulation(config, mode="live", device=options.device, scenario=options.scenario) as simulation:
+        print("looked at               median ms  alone ms   99 % ms   steps/s    CPU ms     calls")
+        poses = 0.0
         for name, look in looks.items():
             spent, cores = measure(simulation, look, options.steps)
             middle, late = np.median(spent), np.quantile(spent, 0.99)
-            numbers = f"{1e3 * middle:10.1f} {1e3 * late:9.1f} {1 / middle:9.0f} {1e3 * cores:9.1f}"
+            poses = middle if name == "poses" else poses
+            alone = f"{1e3 * (middle - poses):9.2f}" if poses else f"{'-':>9}"
+            numbers = f"{1e3 * middle:10.2f} {alone} {1e3 * late:9.1f} {1 / middle:9.0f} {1e3 * cores:9.1f}"
             print(f"{name:22} {numbers} {calls(simulation, look):9.0f}", flush=True)
 
 
