@@ -45,8 +45,15 @@ class PackedArrays:
         host: The arrays on the host, to be written before `upload`.
     """
 
-    def __init__(self, device: str, layouts: tuple[Layout, ...], is_scratch: bool = False):
-        """Allocate them; see `borrow_arrays` for arrays that are needed again and again."""
+    def __init__(self, device: str, layouts: tuple[Layout, ...], is_scratch: bool = False, *, is_pinned: bool = False):
+        """Allocate them; see `borrow_arrays` for arrays that are needed again and again.
+
+        Args:
+            device: Warp device.
+            layouts: Shape and type of each array.
+            is_scratch: Whether the host never sees them.
+            is_pinned: Whether the host's memory is page-locked at any size, so that a record can copy it.
+        """
         self._key = device, layouts, is_scratch
         self._offsets, size = _offsets(layouts)
         self._block = self._twin = _memory(size, device)
@@ -56,7 +63,7 @@ class PackedArrays:
         self.host: list[np.ndarray] = []
         if not is_scratch:
             if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
-                self._twin = _memory(size, "cpu", pinned=self._is_kept)
+                self._twin = _memory(size, "cpu", pinned=self._is_kept or is_pinned)
             self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
 

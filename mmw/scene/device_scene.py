@@ -11,6 +11,8 @@ from mmw.core.bvh import build_bvhs
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.packed_arrays import PackedArrays
 from mmw.core.remember import remembered
+from mmw.core.repeated_launch import launch_again
+from mmw.core.replayed_launches import ReplayedLaunches
 from mmw.core.transforms import IDENTITY_POSE, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
@@ -103,7 +105,10 @@ class DeviceScene:
         self.sweep_s = sweep_s
         self.batch_frames: tuple[int, ...] = ()
         self.origin = scene_origin(arrays.points)
+        self._is_cuda = wp.get_device(device).is_cuda
         self._instance_constructor = instance_constructor
+        # On CUDA Warp rebuilds a tree in place with LBVH alone.
+        self._is_rebuilt = not self._is_cuda or instance_constructor in (None, "lbvh")
         self.instance_actor = instance_actors(arrays)
         self._differentiate()
         self.struct = structs.Scene()
@@ -271,8 +276,9 @@ class DeviceScene:
         self._upper = wp.zeros(frames * instances, dtype=wp.vec3, device=self.device)
         self._group = wp.full(frames * instances, frames, dtype=wp.int32, device=self.device)
         kinds = (wp.transformf, wp.vec3, wp.vec3, wp.bool)
-        self._motion = PackedArrays(self.device, tuple(((frames, instances), kind) for kind in kinds))
+        self._motion = PackedArrays(self.device, tuple(((frames, instances), kind) for kind in kinds), is_pinned=True)
         self._copied: wp.Event | None = None
+        self._placed = ReplayedLaunches(self.device)
         names = ("instance_pose", "instance_velocity", "instance_rate", "instance_present")
         for name, array in zip(names, self._motion.arrays, strict=True):
             setattr(struct, name, array)
@@ -316,36 +322,32 @@ class DeviceScene:
         targets = [pose[..., :3], pose[..., 3:], *derivatives, is_present]
         for target, values, other in zip(targets, [*found, is_here], [*rest, False], strict=True):
             target[:count], target[count:] = values, other
-        self._motion.upload()
-        if wp.get_device(self.device).is_cuda:
+        if self._is_rebuilt:
+            self._placed.run(self._place_instances, self.sweep_s)
+        else:
+            self._place_instances()
+        if self._is_cuda:
             self._copied = wp.get_stream(self.device).record_event(self._copied)
-        self._build_instances()
 
-    def _build_instances(self) -> None:
-        struct = self.struct
-        wp.launch(
-            bounds.instance_bounds_kernel,
-            dim=struct.instance_pose.shape,
-            inputs=[
-                struct.instance_pose,
-                struct.instance_present,
-                self._model_lower,
-                self._model_upper,
-                struct.instance_velocity,
-                struct.instance_rate,
-                self.sweep_s,
-            ],
-            outputs=[self._lower, self._upper, self._group],
-            device=self.device,
-        )
-        # A new BVH every time: rebuilding in place would have the groups of the first build.
-        tree = wp.Bvh(self._lower, self._upper, constructor=self._instance_constructor, groups=self._group)
+    def _place_instances(self) -> None:
+        """Copy the poses of the batch to the device and build the tree of its instances, in place after the first one.
+
+        Warp reads boxes and groups anew when it rebuilds a tree: it is the same one as if it were made now.
+        """
+        pose, velocity, rate, is_present = self._motion.upload()
+        given = pose, is_present, self._model_lower, self._model_upper, velocity, rate, self.sweep_s
+        boxes = self._lower, self._upper, self._group
+        launch_again(bounds.instance_bounds_kernel, pose.shape, [*given, *boxes], self.device)
+        tree = self._instances
+        if tree is None or not self._is_rebuilt:
+            tree = wp.Bvh(self._lower, self._upper, constructor=self._instance_constructor, groups=self._group)
+        else:
+            tree.rebuild(self._instance_constructor)
         self._instances = tree
-        wp.launch(
+        launch_again(
             trace.group_root_kernel,
-            dim=self.max_batch_frames,
-            inputs=[tree.id],
-            outputs=[struct.group_root, struct.instances],
-            device=self.device,
+            (self.max_batch_frames,),
+            [tree.id, self.struct.group_root, self.struct.instances],
+            self.device,
             block_dim=64,  # as all kernels of its module: a second block size would compile the module twice
         )

@@ -131,6 +131,37 @@ def test_roots_are_fetched_again_for_every_batch(device: str) -> None:
         np.testing.assert_array_equal(np.isfinite(found.t), [frame == 2 for frame in frames], err_msg=str(frames))
 
 
+@pytest.mark.parametrize("constructor", [None, "median"])
+def test_tree_rebuilt_in_place_equals_a_new_one(device: str, constructor: str | None) -> None:
+    """Presence, number of frames and sweep change from load to load; on a GPU the third load replays a record."""
+    arrays, _ = fast_vehicles(21, vehicles=12, frames=7)
+    poses = arrays.poses.copy()
+    poses[np.random.default_rng(21).random(poses.shape[:2]) < 0.4] = ABSENT
+    poses[3], poses[5] = ABSENT, arrays.poses[5]
+    arrays = replace(arrays, poses=poses)
+    is_there = np.isfinite(poses).all(axis=2)
+    origin, direction = random_rays(21, 300)
+    times = np.random.default_rng(22).uniform(-SWEEP_S, 0.0, 300)
+    scene, ids = DeviceScene(arrays, device, 4, sweep_s=SWEEP_S, instance_constructor=constructor), set()
+    for frames in ([0, 1, 2, 3], [3], [5, 3, 4], [6, 6, 0, 5], [1], [2]):
+        if frames == [1]:
+            scene.sweep_s = 2.0 * SWEEP_S
+        scene.load_batch(frames)
+        ids.add(int(scene.struct.instances.numpy()[0]))
+        wanted = np.zeros(4, dtype=bool)
+        wanted[: len(frames)] = is_there[frames].any(axis=1)
+        np.testing.assert_array_equal(scene.struct.group_root.numpy() >= 0, wanted)
+        new = loaded(arrays, device, frames, 4, sweep_s=SWEEP_S)
+        for batch_index, frame in enumerate(frames):
+            found = cast(scene, batch_index, origin, direction)
+            found.assert_equals(cast(new, batch_index, origin, direction))
+            assert is_there[frame][found.instance[found.instance >= 0]].all(), "an absent vehicle is hit"
+            swept = cast(scene, batch_index, origin, direction, time_offset=times)
+            swept.assert_equals(cast(new, batch_index, origin, direction, time_offset=times))
+    if constructor is None:
+        assert len(ids) == 1, "kernels that a record holds find the tree where it was"
+
+
 def test_absent_instance_is_not_at_the_origin(device: str) -> None:
     rows = [[pose(10.0, 0.0), ABSENT]]
     actors = [("a", "vehicle", 0), ("b", "vehicle", 0)]
