@@ -2,7 +2,7 @@
 alone.
 
 The flags are those of Clang's front end, for the module option `cpu_compiler_flags`. They may change with Clang: with
-`compute.bvh: warp` kernels have only Warp's own and `NO_SLP` (`mmw.core.bvh_kind.select_bvh`).
+`compute.bvh: warp` kernels have only Warp's own, `NO_SLP` and `NO_CONTRACTION` (`mmw.core.bvh_kind.select_bvh`).
 """
 
 import warp as wp
@@ -34,6 +34,9 @@ NO_SLP = "-fno-slp-vectorize"
 """Single numbers are not combined to vectors. With its own flags, Warp 1.19's compiler loses a coordinate of points on
 slabs on processors with AVX2 and without AVX-512: `tests/channel/path_solver/test_refraction.py` fails there."""
 
+NO_CONTRACTION = "-ffp-contract=off"
+"""A product and a sum are rounded one after the other, as in NumPy, on every processor."""
+
 DOUBLE_PRECISION = {
     "enable_backward": False,
     "default_grid_stride": False,
@@ -41,3 +44,6 @@ DOUBLE_PRECISION = {
     "cpu_compiler_flags": f"{HOST} {NO_SLP}",
 }
 """Module options of kernels that compute paths in float64."""
+
+AS_NUMPY = {**DOUBLE_PRECISION, "cpu_compiler_flags": f"{HOST} {NO_SLP} {NO_CONTRACTION}"}
+"""Module options of kernels of the host that have the bits of NumPy's float64."""

@@ -9,7 +9,7 @@ import mmw.kernels
 from mmw.core.bvh_default import BVH_KINDS, BVH_VARIABLE, default_bvh
 from mmw.core.errors import InputError
 from mmw.kernels.core import bvh as tree
-from mmw.kernels.core.compiler import DOUBLE_PRECISION, NO_SLP
+from mmw.kernels.core.compiler import HOST, NO_CONTRACTION, NO_SLP
 
 
 class _Choice:
@@ -71,6 +71,7 @@ def _compile_for(kind: str) -> None:
             _flags[info.name] = wp.get_module(info.name).options["cpu_compiler_flags"]
         flags = _flags[info.name]
         if kind == "warp":
-            flags = DOUBLE_PRECISION["cpu_compiler_flags"] if NO_SLP in (flags or "") else None
+            kept = [flag for flag in (NO_SLP, NO_CONTRACTION) if flag in (flags or "")]
+            flags = " ".join([HOST, *kept]) if kept else None
         # Warp reads a constant and the flags again for a module whose options were set.
         wp.set_module_options({"cpu_compiler_flags": flags}, module=module)

@@ -13,18 +13,22 @@ Verlet). u_(k-1) and u_k are both given in the body frame of frame k, because a 
 The frames at both ends of a recording have one neighbor. The missing one is extrapolated: positions by the cubic
 through the nearest four (lower for shorter recordings), rotations by a constant angular
 acceleration. The formulas above and both identities then hold there too. A body with one frame is at rest.
+`mmw.kernels.core.pose_differences` computes them body by body, so that nothing depends on the other bodies, nor on the
+other frames of a body than the few about it.
 
 Source: L. Verlet, Phys. Rev. 159 (1967); rotation vectors as in J. Solà (2017), section 4.
 """
 
 import math
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from mmw.core.constants import FRAME_DT
-from mmw.core.transforms import conjugate, multiply, normalize, quaternion_log, rotate
+from mmw.core.packed_arrays import borrow_arrays
+from mmw.core.repeated_launch import launch_again
+from mmw.kernels.core.pose_differences import differences_kernel
 
 
 @dataclass(frozen=True)
@@ -50,28 +54,12 @@ def differentiate(poses: np.ndarray, dt: float = FRAME_DT) -> Motion:
 
     Returns:
         Derivatives, shape [F, ..., 3]. Each interval of presence of a body is differentiated separately.
+
+    Raises:
+        ValueError: If a quaternion is zero.
     """
     poses = np.asarray(poses, dtype=np.float64)
-    is_present = np.isfinite(poses).all(axis=-1)
-    if poses.size and is_present.all():
-        return _differentiate_interval(poses, dt)
-    bodies = poses.reshape(len(poses), math.prod(poses.shape[1:-1]), 7)
-    out = np.full((4, len(poses), bodies.shape[1], 3), np.nan)
-    for start, stop, alike in _intervals(is_present.reshape(bodies.shape[:2])):
-        motion = _differentiate_interval(bodies[start:stop, alike], dt, extend_each)
-        out[:, start:stop, alike] = motion.velocity, motion.acceleration, motion.body_rate, motion.world_rate
-    return Motion(*out.reshape(4, *poses.shape[:-1], 3))
-
-
-def _intervals(presence: np.ndarray) -> Iterator[tuple[int, int, list[int]]]:
-    """Yield intervals of presence, shape [F, N]: first frame, one past the last, and the bodies that have it."""
-    alike: dict[bytes, list[int]] = {}
-    for body, own in enumerate(presence.T):
-        alike.setdefault(own.tobytes(), []).append(body)
-    for bodies in alike.values():
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], presence[:, bodies[0]], [False]])))
-        for start, stop in edges.reshape(-1, 2).tolist():
-            yield start, stop, bodies
+    return _derivatives(poses, 0, len(poses), dt)
 
 
 def differentiate_row(poses: np.ndarray, row: int, dt: float = FRAME_DT) -> Motion:
@@ -79,20 +67,30 @@ def differentiate_row(poses: np.ndarray, row: int, dt: float = FRAME_DT) -> Moti
 
     Args:
         poses: Body-to-world in consecutive frames, shape [F, ..., 7], float64; NaN where absent.
-        row: Row of `poses`, neither the first nor the last.
+        row: Row of `poses`.
         dt: Time between frames [s].
 
     Returns:
         Derivatives, shape [..., 3].
     """
-    around = poses[row - 1 : row + 2]
-    is_present = np.asarray(np.isfinite(around).all(axis=-1))
-    if (is_present == is_present[1]).all():
-        q = normalize(around[..., 3:])
-        motion, row = _central(around[..., :3], q[1:2], _interval_rates(q, dt), dt), 0
-    else:
-        motion = differentiate(poses, dt)
-    return Motion(motion.velocity[row], motion.acceleration[row], motion.body_rate[row], motion.world_rate[row])
+    start = max(row - REACH_FRAMES, 0)
+    motion = _derivatives(poses[start : row + REACH_FRAMES + 1], row - start, 1, dt)
+    return Motion(motion.velocity[0], motion.acceleration[0], motion.body_rate[0], motion.world_rate[0])
+
+
+def _derivatives(poses: np.ndarray, first: int, count: int, dt: float) -> Motion:
+    """Return the derivatives at some rows of poses [F, ..., 7], shape [count, ..., 3]."""
+    bodies = poses.reshape(len(poses), math.prod(poses.shape[1:-1]), 7)
+    shape = count, bodies.shape[1]
+    block = borrow_arrays("cpu", (bodies.shape, wp.float64), ((4, *shape), wp.vec3d), ((1,), wp.int32))
+    values, found, zero = block.host
+    values[...], zero[0] = bodies, 0
+    launch_again(differences_kernel, shape, [block.arrays[0], first, dt, *block.arrays[1:]], "cpu")
+    out, is_zero = found.reshape(4, count, *poses.shape[1:-1], 3).copy(), bool(zero[0])
+    block.release()
+    if is_zero:
+        raise ValueError("differentiate: a quaternion is zero; a rotation needs a length above zero; check the poses")
+    return Motion(*out)
 
 
 def placed(motion: Motion, rows: int | slice, count: int) -> Motion:
@@ -134,34 +132,6 @@ def differentiate_rows(
     return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
 
 
-def _differentiate_interval(
-    poses: np.ndarray, dt: float, extended: Callable[[np.ndarray], np.ndarray] | None = None
-) -> Motion:
-    q = normalize(poses[..., 3:])
-    rates = _interval_rates(q, dt)
-    if len(rates) == 0:
-        rates = np.zeros((2, *q.shape[1:-1], 3))
-    else:
-        second = min(1, len(rates) - 1)
-        before = 2.0 * rates[0] - rates[second]
-        after = 2.0 * rates[-1] - rates[-1 - second]
-        rates = np.concatenate([before[None], rates, after[None]])
-    return _central((extended or extend)(poses[..., :3]), q, rates, dt)
-
-
-def _interval_rates(q: np.ndarray, dt: float) -> np.ndarray:
-    """Return the mean body rate between neighboring frames, shape [F - 1, ..., 3]."""
-    return quaternion_log(multiply(conjugate(q[:-1]), q[1:])) / dt
-
-
-def _central(position: np.ndarray, q: np.ndarray, interval_rate: np.ndarray, dt: float) -> Motion:
-    """Return the derivatives at F frames: positions of F + 2, attitudes of F, rates of the F + 1 intervals between."""
-    velocity = (position[2:] - position[:-2]) / (2.0 * dt)
-    acceleration = (position[2:] - 2.0 * position[1:-1] + position[:-2]) / dt**2
-    body_rate = 0.5 * (interval_rate[:-1] + interval_rate[1:])
-    return Motion(velocity, acceleration, body_rate, rotate(q, body_rate))
-
-
 EXTRAPOLATION = {
     count: np.array([weights])
     for count, weights in {1: (1.0,), 2: (2.0, -1.0), 3: (3.0, -3.0, 1.0), 4: (4.0, -6.0, 4.0, -1.0)}.items()
@@ -172,13 +142,6 @@ EXTRAPOLATION = {
 def extend(series: np.ndarray) -> np.ndarray:
     """Return a series with one more value at both ends, by the cubic through the nearest four (lower for fewer)."""
     return np.concatenate([_one_before(series)[None], series, _one_before(series[::-1])[None]])
-
-
-def extend_each(series: np.ndarray) -> np.ndarray:
-    """Return `extend` of a series [F, N, 3] body by body: sums of all bodies at once may round otherwise."""
-    bodies = [series[:, body] for body in range(series.shape[1])]
-    ends = [[_one_before(own) for own in bodies], [_one_before(own[::-1]) for own in bodies]]
-    return np.concatenate([ends[:1], series, ends[1:]])
 
 
 def _one_before(series: np.ndarray) -> np.ndarray:

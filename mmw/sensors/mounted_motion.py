@@ -61,12 +61,4 @@ def mounted_motion(
     poses = arrays.poses[part][:, actors]
     mounts = np.array([actor_mount(arrays.actors, config, i) for i in actors.tolist()]).reshape(-1, 7)
     sensor = compose(np.concatenate([poses[..., :3], normalize(poses[..., 3:])], axis=-1), mounts)
-    at = rows - part.start
-    is_inside = len(at) > 0 and at.min() > lag and at.max() < len(sensor) - 1
-    if is_inside or len(actors) < 2:
-        return MountedMotion(sensor, differentiate(sensor, arrays.pose_dt), at)
-    # Open ends are extrapolated by a matrix product, whose last bits depend on the number of agents.
-    each = [differentiate(sensor[:, k : k + 1], arrays.pose_dt) for k in range(len(actors))]
-    names = ("velocity", "acceleration", "body_rate", "world_rate")
-    joined = {name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in names}
-    return MountedMotion(sensor, Motion(**joined), at)
+    return MountedMotion(sensor, differentiate(sensor, arrays.pose_dt), rows - part.start)

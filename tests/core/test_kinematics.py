@@ -28,6 +28,7 @@ from mmw.sensors import DepthCamera
 from tests.fixtures.device_rays import loaded
 from tests.fixtures.kernels import launched
 from tests.fixtures.scenes import ABSENT, IDENTITY_POSE, arrays_from_parts, box_model, ground_part, moving_poses
+from tests.oracles.kinematics import differentiate_plainly
 
 FRAMES = 7
 
@@ -84,6 +85,30 @@ def random_poses(frames: int, bodies: int) -> np.ndarray:
 def is_same(one: Motion, other: Motion, at: tuple) -> bool:
     """Return whether derivatives at some frames and bodies have the same bits."""
     return all(getattr(one, name)[at].tobytes() == getattr(other, name)[at].tobytes() for name in vars(one))
+
+
+@pytest.mark.parametrize("frames", [1, 2, 3, 4, 9])
+def test_derivatives_are_those_of_whole_recordings(frames: int) -> None:
+    """Unrelated poses: every rotation is large. Rounding of a sum of four numbers, and of an arc tangent."""
+    poses = random_poses(frames, 40)
+    if frames > 4:
+        poses[np.random.default_rng(8).random((frames, 40)) < 0.3] = np.nan
+    found, wanted = differentiate(poses, 1.0), differentiate_plainly(poses, 1.0)
+    for name, values in vars(wanted).items():  # meters and radians of a few
+        np.testing.assert_allclose(getattr(found, name), values, rtol=0.0, atol=1e-13, err_msg=name)
+    beside = np.isfinite(poses[:-2, :, 0]) & np.isfinite(poses[1:-1, :, 0]) & np.isfinite(poses[2:, :, 0])
+    for name in ("velocity", "acceleration"):  # a sum and a quotient, rounded as NumPy does
+        assert (getattr(found, name)[1:-1][beside] == getattr(wanted, name)[1:-1][beside]).all()
+
+
+def test_zero_quaternion_is_an_error() -> None:
+    poses = random_poses(4, 3)
+    poses[2, 1, 3:] = 0.0
+    with pytest.raises(ValueError, match="differentiate: a quaternion is zero"):
+        differentiate(poses)
+    assert differentiate(poses[:, :1]).velocity.shape == (4, 1, 3)
+    assert differentiate(np.zeros((0, 3, 7))).velocity.shape == (0, 3, 3)
+    assert differentiate(np.zeros((5, 0, 7))).velocity.shape == (5, 0, 3)
 
 
 def test_absent_bodies_leave_the_others_as_they_are() -> None:
