@@ -11,7 +11,6 @@ from mmw.core.errors import InputError
 from mmw.core.transforms import continuous, cross, dot, length, quaternion_from_matrix
 from mmw.usd.builtin_shapes import SHAPES
 from mmw.usd.meshes import MAX_NUMBER_M, FoundMesh, MeshReader, semantic_label
-from mmw.usd.orient_matrices import orient_matrices
 from mmw.usd.prim_values import ancestors, attribute_value, decimals
 
 ROLES = ("cav", "vehicle", "rsu", "pedestrian", "vru", "uav", "bs")
@@ -166,26 +165,6 @@ def model_matrix(meshes: MeshReader, mesh: FoundMesh, actor: Usd.Prim) -> np.nda
             )
     to_actor = meshes.relative(mesh.anchor, actor)
     return to_actor if mesh.to_anchor is None else mesh.to_anchor @ to_actor
-
-
-def poses_read_back(poses: np.ndarray) -> np.ndarray:
-    """Return poses as `actor_poses` reads them, to the bit, from a stage in meters that they are written into.
-
-    A stage turns quaternions into matrices, which costs the last bits.
-
-    Args:
-        poses: Body to world with unit quaternions, shape [V, 7], float64; NaN where absent.
-
-    Returns:
-        Shape [V, 7]; the signs of quaternions are those of `quaternion_from_matrix`.
-    """
-    out = np.full(poses.shape, np.nan)
-    there = np.isfinite(poses).all(axis=1)
-    found = poses if there.all() else poses[there]
-    rigid = _orthonormal(orient_matrices(found[:, 3:])[None], [])[0]
-    turns = quaternion_from_matrix(np.swapaxes(rigid, -1, -2))
-    out[there] = np.concatenate([found[:, :3], turns], axis=1)
-    return out
 
 
 def _orthonormal(linear: np.ndarray, actors: list[FoundActor]) -> np.ndarray:

@@ -1,19 +1,14 @@
 """Make the matrices that USD makes of quaternions, many at once, to the bit."""
 
-import math
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
+import warp as wp
 from pxr import Gf, Vt
 
-MIN_LENGTH = 1.0e-10
-"""Length of the vector part below which a quaternion is no turn: `GF_MIN_VECTOR_LENGTH` of `pxr/base/gf/limits.h`."""
-
-DEGREES = 180.0 / math.pi
-"""Degrees in a radian, and `RADIANS` the other way round: one product each, as in `pxr/base/gf/math.h`."""
-
-RADIANS = math.pi / 180.0
+from mmw.core.packed_arrays import borrow_arrays
+from mmw.core.repeated_launch import launch_again
+from mmw.kernels.core.stage_poses import orient_kernel
 
 
 def orient_matrices(q: np.ndarray) -> np.ndarray:
@@ -27,12 +22,12 @@ def orient_matrices(q: np.ndarray) -> np.ndarray:
     Returns:
         Matrices of row vectors, shape [N, 3, 3].
     """
-    return _matrices(q) if _rounds_as_usd() else _matrices_by_usd(q)
+    return _matrices(q) if rounds_as_usd() else _matrices_by_usd(q)
 
 
 @cache
-def _rounds_as_usd() -> bool:
-    """Return whether NumPy rounds as the installed USD, which a build with fused products and sums does not."""
+def rounds_as_usd() -> bool:
+    """Return whether our kernel rounds as the installed USD, which a build with fused products and sums does not."""
     q = np.random.default_rng(0).normal(size=(64, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     return bool((_matrices(q) == _matrices_by_usd(q)).all())
@@ -46,30 +41,10 @@ def _matrices_by_usd(q: np.ndarray) -> np.ndarray:
 
 
 def _matrices(q: np.ndarray) -> np.ndarray:
-    """Return the matrices with the operations of USD in their order.
-
-    Source: `GfRotation::SetQuat` and `GetQuat` of `pxr/base/gf/rotation.cpp`, `GfMatrix4d::_SetRotateFromQuat` of
-    `matrix4d.cpp`; sines are those of the C library, not of NumPy.
-    """
-    x, y, z, w = (np.ascontiguousarray(part) for part in q.T)
-    length = np.sqrt(x * x + y * y + z * z)
-    is_turned = length > MIN_LENGTH
-    scale = 1.0 / np.where(is_turned, length, 1.0)
-    degrees = 2.0 * (_of_each(math.acos, np.clip(w, -1.0, 1.0)) * DEGREES)
-    half = degrees * RADIANS / 2.0
-    sine, cosine = _of_each(math.sin, half), _of_each(math.cos, half)
-    x, y, z = x * scale * sine, y * scale * sine, z * scale * sine
-    length = np.sqrt(cosine * cosine + (x * x + y * y + z * z))
-    scale = 1.0 / length
-    x, y, z, w = x * scale, y * scale, z * scale, cosine / length
-    out = np.empty((len(q), 3, 3))
-    out[:, 0, 0], out[:, 0, 1], out[:, 0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (z * x - y * w)
-    out[:, 1, 0], out[:, 1, 1], out[:, 1, 2] = 2 * (x * y - z * w), 1 - 2 * (z * z + x * x), 2 * (y * z + x * w)
-    out[:, 2, 0], out[:, 2, 1], out[:, 2, 2] = 2 * (z * x + y * w), 2 * (y * z - x * w), 1 - 2 * (y * y + x * x)
-    if not is_turned.all():
-        out[~is_turned] = np.eye(3)
-    return out
-
-
-def _of_each(function: Callable[[float], float], values: np.ndarray) -> np.ndarray:
-    return np.array(list(map(function, values.tolist())))
+    """Return the matrices that our kernel makes, with the operations of USD in their order."""
+    block = borrow_arrays("cpu", ((len(q),), wp.vec4d), ((len(q),), wp.mat33d))
+    block.host[0][...] = q
+    launch_again(orient_kernel, (len(q),), block.arrays, "cpu")
+    found = block.host[1].copy()
+    block.release()
+    return found

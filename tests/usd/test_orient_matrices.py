@@ -23,8 +23,8 @@ def test_matrices_are_those_of_usd(scale: tuple[float, ...]) -> None:
 def test_usd_makes_them_where_it_rounds_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
     """Builds for some processors fuse products and sums."""
     monkeypatch.setattr(of_usd, "_matrices_by_usd", lambda q: np.full((len(q), 3, 3), 0.5))
-    of_usd._rounds_as_usd.cache_clear()
+    of_usd.rounds_as_usd.cache_clear()
     try:
         assert (of_usd.orient_matrices(np.array([[0.0, 0.0, 0.0, 1.0]])) == 0.5).all()
     finally:
-        of_usd._rounds_as_usd.cache_clear()
+        of_usd.rounds_as_usd.cache_clear()

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.core.errors import InputError
-from mmw.core.transforms import normalize
-from mmw.generation.live.quaternion_signs import QuaternionSigns, SignsPart, joined, parted
+from mmw.generation.live.stage_poses import StagePoses, StagePosesPart, joined, parted
 from mmw.scene.scene_data import SceneData
 from mmw.traffic.live.control import Control
 from mmw.traffic.live.live_traffic import LiveTraffic
-from mmw.usd.actors import poses_read_back
 
 BEFORE = 4
 """Frames before the present one in the arrays of a frame; late accelerometers look two back, derivatives one."""
+
+FIRST_ROWS = 64
+"""Rows of poses that an episode has room for at first; the room doubles. Design value."""
 
 
 class Episode:
@@ -46,8 +47,9 @@ class Episode:
         pairs = [(column, names[actor.name]) for column, actor in enumerate(data.actors) if actor.name in names]
         self._column, self._source = (np.array(side, dtype=np.int64) for side in zip(*pairs, strict=True))
         self._still = data.frame_poses[-1]
-        self._rows: list[np.ndarray] = []
-        self._signs = SignsPart(QuaternionSigns(len(self._source)), 0, 1)
+        self._rows = np.empty((0, *self._still.shape))
+        self._poses = StagePosesPart(StagePoses(len(self._source)), 0, 1)
+        self._count = 0
         self._next = 0
         self._layout = self._begin, id(data), self._column.tobytes(), self._source.tobytes()
         self.traffic.advance(rows_at_start(first))
@@ -102,12 +104,22 @@ class Episode:
         out[len(out) - 1 - len(own) : -1] = own
         return out
 
+    def _keep(self, poses: np.ndarray) -> None:
+        """Add rows of poses, shape [n, V, 7]; those that were given away stay as they are."""
+        start, stop = self._count, self._count + len(poses)
+        if stop > len(self._rows):
+            rows = np.empty((max(2 * stop, FIRST_ROWS), *self._still.shape))
+            rows[:start] = self._rows[:start]
+            self._rows = rows
+        self._rows[start:stop] = poses
+        self._count = stop
+
     def arrays(self, frame: int) -> SceneData:
         """Return the scene from `BEFORE` frames before a frame of the episode to the one after it."""
         catch_up([(self, frame)])
         start = max(frame - BEFORE, self._begin)
         own = self._rows[start - self._begin : frame - self._begin + 2]
-        return replace(self._data, frames=range(start, frame + 2), poses=np.stack(own))
+        return replace(self._data, frames=range(start, frame + 2), poses=own)
 
 
 def rows_at_start(first: int) -> int:
@@ -122,11 +134,11 @@ def poses_around(moments: Sequence[tuple[Episode, int]], reach: int) -> np.ndarr
         Shape [F (2 reach + 1), V, 7], episode by episode.
     """
     catch_up([(episode, frame + reach - 1) for episode, frame in moments])
-    rows: list[np.ndarray] = []
+    rows = []
     for episode, frame in moments:
         middle = frame - episode._begin
-        rows += episode._rows[middle - reach : middle + reach + 1]
-    return np.stack(rows)
+        rows.append(episode._rows[middle - reach : middle + reach + 1])
+    return np.concatenate(rows)
 
 
 def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
@@ -144,20 +156,15 @@ def catch_up(moments: Sequence[tuple[Episode, int]]) -> None:
 
 
 def _make_rows(episodes: Sequence[Episode], stop: int) -> None:
-    """Make the rows of episodes of one kind; those before the first that is kept only turn quaternions."""
-    one = episodes[0]
-    known = np.stack([episode.traffic.poses[one._next : stop] for episode in episodes], axis=1)
-    poses = known[:, :, one._source]
-    signs = joined([episode._signs for episode in episodes])
-    written = np.stack([signs.write(turn.reshape(-1, 4)) for turn in normalize(poses[..., 3:])])
-    seen = slice(max(one._begin - one._next, 0), None)
-    flat = np.concatenate([poses[seen, ..., :3].reshape(-1, 3), written[seen].reshape(-1, 4)], axis=1)
-    read = poses_read_back(flat).reshape(poses[seen].shape)
-    for turns, turn in zip(read[..., 3:], written[seen], strict=True):
-        turns[:] = signs.read(turns.reshape(-1, 4), turn).reshape(turns.shape)
-    rows = np.empty((*read.shape[:2], *one._still.shape))
+    """Make the rows of episodes of one kind; those before the first that is kept are written and not read."""
+    one, many = episodes[0], len(episodes)
+    known = np.array([episode.traffic.poses[one._next : stop] for episode in episodes])[:, :, one._source]
+    poses = known.swapaxes(0, 1).reshape(known.shape[1], -1, 7)
+    whole = joined([episode._poses for episode in episodes])
+    read = whole.read_back(poses, max(one._begin - one._next, 0))
+    rows = np.empty((many, len(read), *one._still.shape))
     rows[:] = one._still
-    rows[:, :, one._column] = read
-    for episode, part, own in zip(episodes, parted(signs, len(episodes)), rows.swapaxes(0, 1), strict=True):
-        episode._signs, episode._next = part, stop
-        episode._rows += [row.copy() for row in own]
+    rows[:, :, one._column] = read.reshape(len(read), many, -1, 7).swapaxes(0, 1)
+    for episode, part, own in zip(episodes, parted(whole, many), rows, strict=True):
+        episode._poses, episode._next = part, stop
+        episode._keep(own)
