@@ -13,7 +13,7 @@ Verlet). u_(k-1) and u_k are both given in the body frame of frame k, because a 
 The frames at both ends of a recording have one neighbor. The missing one is extrapolated: positions by the cubic
 through the nearest four (lower for shorter recordings), rotations by a constant angular
 acceleration. The formulas above and both identities then hold there too. A body with one frame is at rest.
-`mmw.kernels.core.pose_differences` computes them body by body, so that nothing depends on the other bodies, nor on the
+`mmw.kernels.core.body_motion` computes them body by body, so that nothing depends on the other bodies, nor on the
 other frames of a body than the few about it.
 
 Source: L. Verlet, Phys. Rev. 159 (1967); rotation vectors as in J. Solà (2017), section 4.
@@ -28,7 +28,7 @@ import warp as wp
 from mmw.core.constants import FRAME_DT
 from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.repeated_launch import launch_again
-from mmw.kernels.core.pose_differences import differences_kernel
+from mmw.kernels.core.body_motion import differences_kernel
 
 
 @dataclass(frozen=True)

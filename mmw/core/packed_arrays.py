@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -82,6 +82,13 @@ class PackedArrays:
         wp.copy(self._twin, self._block)
         wp.synchronize_stream(wp.get_stream(self._block.device))
         return self.host
+
+    @cached_property
+    def host_arrays(self) -> list[wp.array]:
+        """The arrays of `host`, for kernels that run on the CPU."""
+        if self._twin is self._block:
+            return self.arrays
+        return _views(self._twin, self._key[1], self._offsets)
 
     def struct(self, kind: Callable[[], Any], *names: str | None) -> Any:
         """Return a Warp struct that has the arrays as fields of these names, in their order, but those of None.

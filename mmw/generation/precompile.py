@@ -35,6 +35,9 @@ BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
 )  # fmt: skip
 """Module -> threads of a block in its launches, where it is not 256 alone; on a GPU each is compiled by itself."""
 
+HOST_MODULES = ("core.body_motion",)
+"""Modules that every run launches on the host, also with a GPU."""
+
 POLL_S = 0.1
 """Time between two looks at whether another worker has compiled a module [s]."""
 
@@ -70,16 +73,17 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
     """
     select_bvh(config.compute.bvh)  # each kind has its own kernels
     is_cpu = wp.get_device(device).is_cpu
-    waiting = deque(
-        (name, block)
+    waiting: deque[tuple[str, int | None, str]] = deque(
+        (name, block, device)
         for name in needed_modules(config, on_gpu=not is_cpu)
         for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
     )
+    waiting += [(name, None, "cpu") for name in HOST_MODULES]
     ended = threading.Event()
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS), thread_name_prefix="mmw-compiler")
     try:
         opened = pool.submit(_open, device)
-        yield [pool.submit(_compile, waiting, device, opened, ended) for _ in range(MAX_THREADS)]
+        yield [pool.submit(_compile, waiting, opened, ended) for _ in range(MAX_THREADS)]
     finally:
         ended.set()
         pool.shutdown(wait=True, cancel_futures=True)
@@ -111,7 +115,7 @@ _PARSING = threading.Lock()
 may end in a SystemError (CPython issue 106905)."""
 
 
-def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future[None], ended: threading.Event) -> None:
+def _compile(waiting: deque[tuple[str, int | None, str]], opened: Future[None], ended: threading.Event) -> None:
     """Compile and load waiting modules; one that another worker is compiling goes to the end of the queue.
 
     No module is begun once `ended` is set. Emptying the queue would not do: a module that a thread has just taken goes
@@ -120,7 +124,7 @@ def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future
     opened.result()
     while not ended.is_set():
         try:
-            name, block = waiting.popleft()
+            name, block, device = waiting.popleft()
         except IndexError:
             return
         try:
@@ -129,5 +133,5 @@ def _compile(waiting: deque[tuple[str, int | None]], device: str, opened: Future
                     module = import_module(f"mmw.kernels.{name}")
                 wp.load_module(module, device=device, block_dim=block, max_workers=0)
         except Timeout:
-            waiting.append((name, block))
+            waiting.append((name, block, device))
             ended.wait(POLL_S)

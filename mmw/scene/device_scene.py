@@ -9,13 +9,13 @@ import warp as wp
 
 from mmw.core.bvh import build_bvhs
 from mmw.core.kinematics import Motion, differentiate
-from mmw.core.packed_arrays import PackedArrays
+from mmw.core.packed_arrays import PackedArrays, borrow_arrays
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
 from mmw.core.replayed_launches import ReplayedLaunches
-from mmw.core.transforms import IDENTITY_POSE, normalize
 from mmw.kernels.core import instance_bounds as bounds
 from mmw.kernels.core import structs, trace
+from mmw.kernels.core.body_motion import instance_motion_kernel
 from mmw.scene.foliage import MESH, has_same_crowns, optical_arrays
 from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData
 
@@ -31,6 +31,12 @@ def instance_actors(arrays: SceneData) -> np.ndarray:
 @remembered()
 def _with_prototype(actors: tuple[Actor, ...]) -> np.ndarray:
     return np.array([i for i, actor in enumerate(actors) if actor.model != MODEL_NONE], dtype=np.int32)
+
+
+@remembered()
+def _instance_columns(actors: tuple[Actor, ...]) -> wp.array:
+    """Return the same as an array for kernels of the host."""
+    return wp.array(_with_prototype(actors), dtype=wp.int32, device="cpu")
 
 
 def scene_origin(points: np.ndarray) -> np.ndarray:
@@ -105,6 +111,7 @@ class DeviceScene:
         self.sweep_s = sweep_s
         self.batch_frames: tuple[int, ...] = ()
         self.origin = scene_origin(arrays.points)
+        self._origin: list[float] = self.origin.tolist()
         self._is_cuda = wp.get_device(device).is_cuda
         self._instance_constructor = instance_constructor
         # On CUDA Warp rebuilds a tree in place with LBVH alone.
@@ -140,11 +147,8 @@ class DeviceScene:
 
     def _differentiate(self, motion: Motion | None = None) -> None:
         """Keep the derivatives of the whole recording, so that they do not depend on the batch."""
-        columns = self.instance_actor
-        if motion is None:
-            motion = differentiate(self.arrays.poses[:, columns], self.arrays.pose_dt)
-            columns = np.arange(len(columns))
-        self._derivatives = motion.velocity, motion.world_rate, columns
+        motion = motion or differentiate(self.arrays.poses, self.arrays.pose_dt)
+        self._derivatives = motion.velocity, motion.world_rate
 
     def replace_arrays(self, arrays: SceneData, motion: Motion | None = None) -> None:
         """Take other frames, poses, materials or actors without geometry; `load_batch` must follow.
@@ -308,20 +312,16 @@ class DeviceScene:
     def _load_poses(self, rows: np.ndarray) -> None:
         if self.struct.instance_count == 0:
             return
-        count, at = len(rows), rows[:, None]
-        pose = self.arrays.poses[at, self.instance_actor]
-        is_here = np.asarray(np.isfinite(pose).all(axis=2))
-        velocity, rate, columns = self._derivatives
-        found = [pose[..., :3] - self.origin, normalize(pose[..., 3:]), velocity[at, columns], rate[at, columns]]
-        rest = [0.0, IDENTITY_POSE[3:], 0.0, 0.0]
-        if not is_here.all():
-            found = [np.where(is_here[..., None], values, other) for values, other in zip(found, rest, strict=True)]
         if self._copied is not None:  # what is overwritten has been copied to the device
             wp.synchronize_event(self._copied)
-        pose, *derivatives, is_present = self._motion.host
-        targets = [pose[..., :3], pose[..., 3:], *derivatives, is_present]
-        for target, values, other in zip(targets, [*found, is_here], [*rest, False], strict=True):
-            target[:count], target[count:] = values, other
+        shape = len(rows), len(self.arrays.actors)
+        block = borrow_arrays("cpu", ((*shape, 7), wp.float64), (shape, wp.vec3d), (shape, wp.vec3d))
+        for target, values in zip(block.host, (self.arrays.poses, *self._derivatives), strict=True):
+            target[...] = values[rows]
+        given = *block.arrays, _instance_columns(self.arrays.actors), *self._origin
+        frames = self.max_batch_frames, self.struct.instance_count
+        launch_again(instance_motion_kernel, frames, [*given, *self._motion.host_arrays], "cpu")
+        block.release()
         if self._is_rebuilt:
             self._placed.run(self._place_instances, self.sweep_s)
         else:

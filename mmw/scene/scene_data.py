@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -195,6 +196,14 @@ class SceneData:
         """Return the seed of the random numbers of each of some frames; `seed` is that of the configuration."""
         return [seed] * len(frames)
 
+    def at(self, frames: range, poses: np.ndarray) -> Self:
+        """Return the scene in other frames, with poses as of `poses`; all else is shared and not checked again."""
+        if len(poses) != self.pose_rows(len(frames)) or poses.shape[1:] != self.poses.shape[1:]:
+            raise ValueError(f"poses have shape {poses.shape}; {len(frames)} frames of these actors need another one")
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__, frames=frames, poses=poses)
+        return other
+
     def frame_row(self, frame: int) -> int:
         """Return the row of `poses` that holds a frame.
 
@@ -208,6 +217,8 @@ class SceneData:
 
     def frame_rows(self, frames: ArrayLike) -> np.ndarray:
         """Return the rows of `poses` that hold some frames, int64; errors as of `frame_row`."""
+        if isinstance(frames, Sequence) and len(frames) == 1:
+            return np.array([self.frame_row(int(frames[0]))])
         found = np.asarray(frames, dtype=np.int64)
         outside = (found < self.frames.start) | (found >= self.frames.stop)
         if outside.any():

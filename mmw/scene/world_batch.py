@@ -94,4 +94,8 @@ class WorldBatch(SceneData):
 
     def frame_rows(self, frames: ArrayLike) -> np.ndarray:
         """Return the rows of `poses` that hold the frames of some worlds, int64; errors as of `frame_row`."""
-        return super().frame_rows(frames) * self.own_rows + self.own_before
+        found = np.asarray(frames, dtype=np.int64)
+        outside = (found < 0) | (found >= len(self.frames))
+        if outside.any():
+            self.frame_row(int(found[outside][0]))
+        return found * self.own_rows + self.own_before

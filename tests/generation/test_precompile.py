@@ -15,7 +15,7 @@ from mmw.channel.path_solver.surface_table import group_coplanar
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
 from mmw.generation import precompile
-from mmw.generation.precompile import BLOCKS, compiled_ahead, kernel_cache, lock_name, needed_modules
+from mmw.generation.precompile import BLOCKS, HOST_MODULES, compiled_ahead, kernel_cache, lock_name, needed_modules
 from mmw.storage.lock import exclusive_lock
 
 KERNELS = Path(__file__).parents[2] / "kernels"
@@ -78,7 +78,7 @@ def test_modules_are_loaded_when_the_futures_are_done() -> None:
         assert not all(future.done() for future in futures)  # another worker seems to compile one
     with compiled_ahead(config, "cpu") as futures:
         assert {future.result() for future in futures} == {None}
-    for name in ("core.trace", "core.line_of_sight", "core.instance_bounds"):
+    for name in ("core.trace", "core.line_of_sight", "core.instance_bounds", *HOST_MODULES):
         assert wp.get_module(f"mmw.kernels.{name}").execs, name
 
 

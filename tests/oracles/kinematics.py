@@ -38,6 +38,5 @@ def _of_interval(poses: np.ndarray, dt: float) -> tuple[np.ndarray, ...]:
 def _before(series: np.ndarray) -> np.ndarray:
     """Return the value before a series, by the polynomial through its first four values or fewer (Lagrange)."""
     some = series[:4]
-    return sum(
-        value * np.prod([(-1.0 - j) / (k - j) for j in range(len(some)) if j != k]) for k, value in enumerate(some)
-    )
+    weights = [np.prod([(-1.0 - j) / (k - j) for j in range(len(some)) if j != k]) for k in range(len(some))]
+    return np.array(weights) @ some

@@ -355,3 +355,19 @@ def test_further_agents_share_the_batch(device: str) -> None:
         scene.with_agents(two_cars(2))
     with pytest.raises(ValueError, match=r"with_agents: .* another actor with geometry"):
         scene.with_agents(replace(arrays, actors=arrays.actors[1:], poses=arrays.poses[:, 1:]))
+
+
+def test_scene_at_other_frames_shares_the_rest() -> None:
+    arrays = two_cars(4)
+    other = arrays.at(range(7, 9), arrays.poses[1:3])
+    assert other.frames == range(7, 9) and other.points is arrays.points and type(other) is SceneData
+    assert (
+        other.frame_row(8) == 1
+        and other.frame_rows([8]).tolist() == [1]
+        and other.frame_rows([8, 7]).tolist() == [1, 0]
+    )
+    assert arrays.frames == range(4) and len(arrays.poses) == 4
+    with pytest.raises(ValueError, match=r"poses have shape \(3, .*; 2 frames of these actors"):
+        arrays.at(range(2), arrays.poses[:3])
+    with pytest.raises(ValueError, match="frame 9 is not in the scene, which covers 7 to 8"):
+        other.frame_rows([9])

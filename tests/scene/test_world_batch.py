@@ -35,8 +35,10 @@ def test_frames_are_the_worlds_with_their_numbers_and_seeds(scenes: list[SceneDa
     assert np.array_equal(worlds.poses[worlds.frame_row(1)], scenes[1].poses[2])
     assert worlds.numbers([2, 0]).tolist() == [7, 7] and worlds.seeds([2, 0], 42) == [3, 1]
     assert scenes[0].numbers([2, 0]).tolist() == [2, 0] and scenes[0].seeds([2, 0], 42) == [42, 42]
-    with pytest.raises(ValueError, match="world 3 is not in the batch, which has 3"):
-        worlds.frame_row(3)
+    assert worlds.frame_rows([2, 0]).tolist() == [7, 1] and worlds.frame_rows([1]).tolist() == [4]
+    for rows_of in (worlds.frame_row, lambda frame: worlds.frame_rows([frame])):
+        with pytest.raises(ValueError, match="world 3 is not in the batch, which has 3"):
+            rows_of(3)
 
 
 def test_motion_and_device_poses_are_those_of_each_scene(scenes: list[SceneData], worlds: WorldBatch) -> None:

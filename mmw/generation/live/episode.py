@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -119,7 +118,7 @@ class Episode:
         catch_up([(self, frame)])
         start = max(frame - BEFORE, self._begin)
         own = self._rows[start - self._begin : frame - self._begin + 2]
-        return replace(self._data, frames=range(start, frame + 2), poses=own)
+        return self._data.at(range(start, frame + 2), own)
 
 
 def rows_at_start(first: int) -> int:

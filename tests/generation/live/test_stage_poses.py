@@ -25,9 +25,7 @@ def stage_of(poses: np.ndarray) -> Usd.Stage:
 
 
 @pytest.mark.parametrize(("first", "rows", "is_ours"), [(0, 1, True), (3, 1, True), (3, 7, True), (3, 7, False)])
-def test_poses_are_those_of_the_stage(
-    first: int, rows: int, is_ours: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_poses_are_those_of_the_stage(first: int, rows: int, is_ours: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """Jumps by half a turn, whose product is zero up to rounding, and random ones, with gaps of one to many rows.
 
     Where USD rounds otherwise than our kernel, USD itself makes the matrices.

@@ -1,4 +1,4 @@
-"""Velocities, accelerations and angular rates of moving bodies by differences of their poses, on the host in float64.
+"""Motion of bodies on the host in float64: derivatives by differences of poses, and what a device takes of both.
 
 The formulas are those of `mmw.core.kinematics`.
 """
@@ -14,18 +14,24 @@ REACH_ROWS = wp.constant(4)
 
 
 @wp.func
+def has_pose(poses: wp.array3d[wp.float64], row: int, body: int) -> bool:
+    """Return whether there is a pose in a row, which may be none of the array: all its numbers are finite."""
+    if row < 0 or row >= poses.shape[0]:
+        return False
+    total = wp.float64(0.0)  # of zeros, NaN with a number that is not finite
+    for axis in range(7):
+        total = total + wp.float64(0.0) * poses[row, body, axis]
+    return total == wp.float64(0.0)
+
+
+@wp.func
 def presence_about(poses: wp.array3d[wp.float64], row: int, body: int) -> int:
     """Return bit `REACH_ROWS` + k for every k from -`REACH_ROWS` to `REACH_ROWS` where row + k has a pose."""
     found = wp.int32(0)
     bit = wp.int32(0)
     while bit <= 2 * REACH_ROWS:
-        at = row + bit - REACH_ROWS
-        if at >= 0 and at < poses.shape[0]:
-            total = wp.float64(0.0)  # of zeros, NaN with a number that is not finite
-            for axis in range(7):
-                total = total + wp.float64(0.0) * poses[at, body, axis]
-            if total == wp.float64(0.0):
-                found = found | (1 << bit)
+        if has_pose(poses, row + bit - REACH_ROWS, body):
+            found = found | (1 << bit)
         bit = bit + 1
     return found
 
@@ -199,3 +205,45 @@ def differences_kernel(
         rate[1] + q[3] * twice[1] + again[1],
         rate[2] + q[3] * twice[2] + again[2],
     )
+
+
+@wp.kernel
+def instance_motion_kernel(
+    poses: wp.array3d[wp.float64],
+    velocity: wp.array2d[wp.vec3d],
+    rate: wp.array2d[wp.vec3d],
+    actor: wp.array[int],
+    origin_x: wp.float64,
+    origin_y: wp.float64,
+    origin_z: wp.float64,
+    # out
+    pose_out: wp.array2d[wp.transformf],
+    velocity_out: wp.array2d[wp.vec3],
+    rate_out: wp.array2d[wp.vec3],
+    is_present_out: wp.array2d[wp.bool],
+):
+    """Write pose and motion of the instances of every frame as a device takes them, in the scene frame and float32.
+
+    Poses of all actors in the world have shape [S, A, 7], their velocities and rates in the world [S, A]; `actor` is
+    that of each instance. An instance that is absent, and all after the S frames, are at the origin at rest. Launch:
+    dim=(frames, V).
+    """
+    frame, instance = wp.tid()
+    body = actor[instance]
+    is_present = has_pose(poses, frame, body)
+    is_present_out[frame, instance] = is_present
+    if not is_present:
+        pose_out[frame, instance] = wp.transform_identity()
+        velocity_out[frame, instance] = wp.vec3()
+        rate_out[frame, instance] = wp.vec3()
+        return
+    at = position_of(poses, frame, body)
+    q = attitude_of(poses, frame, body)
+    pose_out[frame, instance] = wp.transformf(
+        wp.vec3(wp.float32(at[0] - origin_x), wp.float32(at[1] - origin_y), wp.float32(at[2] - origin_z)),
+        wp.quat(wp.float32(q[0]), wp.float32(q[1]), wp.float32(q[2]), wp.float32(q[3])),
+    )
+    v = velocity[frame, body]
+    w = rate[frame, body]
+    velocity_out[frame, instance] = wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
+    rate_out[frame, instance] = wp.vec3(wp.float32(w[0]), wp.float32(w[1]), wp.float32(w[2]))
