@@ -13,6 +13,7 @@ from mmw.core.transforms import quaternion_to_ypr
 from mmw.traffic.idm.simulation import STATION_SIGMA, simulate_idm
 from mmw.traffic.live.causal import REACH, WEIGHTS, smooth_station
 from mmw.traffic.live.control import Control
+from mmw.traffic.live.idm_vehicles import IdmVehicles
 from mmw.traffic.live.live_traffic import LiveTraffic
 from mmw.traffic.live.obstacles import Body, LaneSamples
 from mmw.traffic.roads.lane_graph import LaneGraph
@@ -63,6 +64,21 @@ def test_without_controls_traffic_is_that_of_a_recording(town, request):
     found = measure(traffic.tracks, graph, surface(graph), CATALOG)
     assert found.min_gap > 0.4 and found.max_jerk < 9.0 and found.max_wheel_error < 0.02 and found.max_lateral < 2.5
     assert traffic.lane_changes == simulate_idm(asked).changes
+
+
+def test_decisions_find_what_right_of_way_needs_prepared():
+    """Boxes that vehicles sweep in junctions are computed at the start and in the rows between decisions."""
+    traffic = LiveTraffic(demand(crossroad(), vehicle_count=12, frame_count=900))
+    vehicles = traffic._vehicles
+    assert isinstance(vehicles, IdmVehicles)
+    sweeps, needed = vehicles._engine.table._sweeps, set()
+    before = len(sweeps)
+    for row in range(900):
+        known, decides = len(sweeps), not vehicles._ready
+        traffic.advance(row + 1)
+        assert not decides or len(sweeps) == known, f"row {row}"
+        needed |= {one.vehicle for one in vehicles._engine.reservations}
+    assert len(needed) > 5 and len(sweeps) > before > 0
 
 
 def test_same_controls_give_the_same_bytes_and_no_row_that_is_known_changes(ring):
