@@ -1,16 +1,57 @@
 """Motion of bodies on the host in float64: derivatives by differences of poses, and what a device takes of both.
 
-The formulas are those of `mmw.core.kinematics`.
+The formulas are those of `mmw.core.kinematics`. A thread looks at one body, or at one sensor on a body, in one frame:
+its neighbors, and at an open end the nearest four frames.
 """
 
 import warp as wp
 
 from mmw.kernels.core.compiler import AS_NUMPY
+from mmw.kernels.core.quaternions import conjugated, normalized, product, rotated, rotation_vector
 
 wp.set_module_options(AS_NUMPY)
 
-REACH_ROWS = wp.constant(4)
-"""Poses of the polynomial that extrapolates a missing one."""
+
+@wp.struct
+class Track:
+    """Poses of bodies in consecutive frames, and of one sensor on one of them."""
+
+    poses: wp.array3d[wp.float64]
+    """Body to world (x, y, z, qx, qy, qz, qw), shape [F, N, 7]; NaN where absent."""
+    body: int
+    """The body."""
+    is_mounted: bool
+    """True if the pose of a sensor on the body counts, false for the body's own."""
+    position: wp.vec3d
+    """Position of the sensor on the body [m]."""
+    attitude: wp.vec4d
+    """Attitude of the sensor on the body."""
+    dt: wp.float64
+    """Time between frames [s]."""
+
+
+@wp.struct
+class RigidPose:
+    """Body or sensor to world."""
+
+    position: wp.vec3d
+    """Position [m]."""
+    attitude: wp.vec4d
+    """Attitude, (x, y, z, w)."""
+
+
+@wp.struct
+class Derivatives:
+    """Derivatives of a series of poses at one frame."""
+
+    velocity: wp.vec3d
+    """World frame [m/s]."""
+    acceleration: wp.vec3d
+    """World frame [m/s^2]."""
+    body_rate: wp.vec3d
+    """Angular velocity in the body's frame [rad/s]."""
+    world_rate: wp.vec3d
+    """Angular velocity in the world frame [rad/s]."""
 
 
 @wp.func
@@ -25,24 +66,6 @@ def has_pose(poses: wp.array3d[wp.float64], row: int, body: int) -> bool:
 
 
 @wp.func
-def presence_about(poses: wp.array3d[wp.float64], row: int, body: int) -> int:
-    """Return bit `REACH_ROWS` + k for every k from -`REACH_ROWS` to `REACH_ROWS` where row + k has a pose."""
-    found = wp.int32(0)
-    bit = wp.int32(0)
-    while bit <= 2 * REACH_ROWS:
-        if has_pose(poses, row + bit - REACH_ROWS, body):
-            found = found | (1 << bit)
-        bit = bit + 1
-    return found
-
-
-@wp.func
-def is_there(presence: int, k: int) -> bool:
-    """Return whether there is a pose k rows after the one that `presence_about` was told of."""
-    return (presence >> (k + REACH_ROWS)) & 1 == 1
-
-
-@wp.func
 def position_of(poses: wp.array3d[wp.float64], row: int, body: int) -> wp.vec3d:
     """Return where a body is [m]."""
     return wp.vec3d(poses[row, body, 0], poses[row, body, 1], poses[row, body, 2])
@@ -51,104 +74,142 @@ def position_of(poses: wp.array3d[wp.float64], row: int, body: int) -> wp.vec3d:
 @wp.func
 def attitude_of(poses: wp.array3d[wp.float64], row: int, body: int) -> wp.vec4d:
     """Return the unit quaternion of a body; NaN where it has none."""
-    x = poses[row, body, 3]
-    y = poses[row, body, 4]
-    z = poses[row, body, 5]
-    w = poses[row, body, 6]
-    length = wp.sqrt(x * x + y * y + z * z + w * w)
-    return wp.vec4d(x / length, y / length, z / length, w / length)
+    return normalized(wp.vec4d(poses[row, body, 3], poses[row, body, 4], poses[row, body, 5], poses[row, body, 6]))
 
 
 @wp.func
-def cross_of(ax: wp.float64, ay: wp.float64, az: wp.float64, b: wp.vec3d) -> wp.vec3d:
-    """Return the vector product."""
-    return wp.vec3d(ay * b[2] - az * b[1], az * b[0] - ax * b[2], ax * b[1] - ay * b[0])
+def is_present(track: Track, row: int) -> bool:
+    """Return whether a body is there in a row, which may be none of the array."""
+    return has_pose(track.poses, row, track.body)
 
 
 @wp.func
-def mean_rate(a: wp.vec4d, b: wp.vec4d, dt: wp.float64) -> wp.vec3d:
-    """Return the mean body rate between two attitudes [rad/s]: log(a^-1 b) / dt."""
-    x = (a[3] * b[0] + b[3] * -a[0]) + (-a[1] * b[2] - -a[2] * b[1])
-    y = (a[3] * b[1] + b[3] * -a[1]) + (-a[2] * b[0] - -a[0] * b[2])
-    z = (a[3] * b[2] + b[3] * -a[2]) + (-a[0] * b[1] - -a[1] * b[0])
-    w = a[3] * b[3] - (-a[0] * b[0] + -a[1] * b[1] + -a[2] * b[2])
-    if w < wp.float64(0.0):
-        x = -x
-        y = -y
-        z = -z
-        w = -w
-    sine = wp.sqrt(x * x + y * y + z * z)
-    scale = wp.float64(2.0)  # near zero, angle / sine to double precision
-    if sine > wp.float64(1.0e-12):
-        scale = wp.float64(2.0) * wp.atan2(sine, w) / sine
-    return wp.vec3d(x * scale / dt, y * scale / dt, z * scale / dt)
+def position_at(track: Track, row: int) -> wp.vec3d:
+    """Return the position of a body or of the sensor on it in a frame [m], world frame."""
+    origin = position_of(track.poses, row, track.body)
+    if track.is_mounted:
+        origin = rotated(attitude_of(track.poses, row, track.body), track.position) + origin
+    return origin
 
 
 @wp.func
-def rate_between(poses: wp.array3d[wp.float64], row: int, body: int, dt: wp.float64) -> wp.vec3d:
-    """Return the mean body rate from a row to the next one [rad/s]."""
-    return mean_rate(attitude_of(poses, row, body), attitude_of(poses, row + 1, body), dt)
+def pose_at(track: Track, row: int) -> RigidPose:
+    """Return the pose of a body or of the sensor on it in a frame."""
+    pose = RigidPose()
+    pose.position = position_at(track, row)
+    pose.attitude = attitude_of(track.poses, row, track.body)
+    if track.is_mounted:
+        pose.attitude = product(pose.attitude, track.attitude)
+    return pose
 
 
 @wp.func
-def rate_beside(
-    poses: wp.array3d[wp.float64], presence: int, row: int, body: int, side: int, dt: wp.float64
-) -> wp.vec3d:
-    """Return the mean body rate from a row to the one before it or after it (`side` -1 or 1), which may be missing.
+def unit_attitude(track: Track, row: int) -> wp.vec4d:
+    """Return the attitude of a body or of the sensor on it in a frame, unit."""
+    result = attitude_of(track.poses, row, track.body)
+    if track.is_mounted:
+        result = normalized(product(result, track.attitude))
+    return result
 
-    It is extrapolated by a constant angular acceleration then, from the other side.
+
+@wp.func
+def position_beyond(track: Track, row: int, step: int) -> wp.vec3d:
+    """Return the position one frame beyond an open end, by the cubic through the nearest four (lower for fewer) [m].
+
+    With differences to the end itself a body at rest is exactly at rest.
+
+    Args:
+        track: The body.
+        row: The end, where it is present.
+        step: 1 for the frame after it, -1 for the frame before it.
     """
-    begin = row + (side - 1) // 2
-    is_known = is_there(presence, side)
-    if not is_known:
-        begin = begin - side
-        if not is_there(presence, -side):
-            return wp.vec3d()
-    rate = rate_between(poses, begin, body, dt)
-    if is_known or not is_there(presence, -2 * side):
-        return rate
-    other = rate_between(poses, begin - side, body, dt)
-    two = wp.float64(2.0)
-    return wp.vec3d(two * rate[0] - other[0], two * rate[1] - other[1], two * rate[2] - other[2])
+    first = position_at(track, row)
+    result = first
+    if is_present(track, row - step):
+        one = position_at(track, row - step) - first
+        if is_present(track, row - 2 * step):
+            two = position_at(track, row - 2 * step) - first
+            if is_present(track, row - 3 * step):
+                three = position_at(track, row - 3 * step) - first
+                result = first + (wp.float64(-6.0) * one + wp.float64(4.0) * two - three)
+            else:
+                result = first + (wp.float64(-3.0) * one + two)
+        else:
+            result = first - one
+    return result
 
 
 @wp.func
-def extrapolation_weight(count: int, k: int) -> wp.float64:
-    """Return the weight of the k-th of `count` samples that extrapolate their polynomial one step backward.
-
-    It is (-1)^k times the binomial coefficient of `count` over k + 1.
-    """
-    weight = wp.float64(1.0)
-    for i in range(k + 1):
-        weight = weight * wp.float64(count - i) / wp.float64(i + 1)
-    if k % 2 == 1:
-        weight = -weight
-    return weight
+def position_beside(track: Track, row: int, step: int) -> wp.vec3d:
+    """Return the position in the next (1) or the last frame (-1), extrapolated where the body is absent [m]."""
+    if is_present(track, row + step):
+        return position_at(track, row + step)
+    return position_beyond(track, row, step)
 
 
 @wp.func
-def position_beside(poses: wp.array3d[wp.float64], presence: int, row: int, body: int, side: int) -> wp.vec3d:
-    """Return where a body is in the row before or after one (`side` -1 or 1), which may be missing [m].
+def velocity_at(track: Track, row: int) -> wp.vec3d:
+    """Return the velocity of a body or of the sensor on it in a frame, world frame [m/s]."""
+    return (position_beside(track, row, 1) - position_beside(track, row, -1)) / (wp.float64(2.0) * track.dt)
 
-    It is extrapolated by the cubic through the nearest four then, a lower one for fewer; with differences to the
-    nearest, a body at rest is exactly at rest.
+
+@wp.func
+def acceleration_at(track: Track, row: int) -> wp.vec3d:
+    """Return the acceleration of a body or of the sensor on it in a frame, world frame [m/s^2]."""
+    twice = wp.float64(2.0) * position_at(track, row)
+    return (position_beside(track, row, 1) - twice + position_beside(track, row, -1)) / (track.dt * track.dt)
+
+
+@wp.func
+def mean_rate(before: wp.vec4d, after: wp.vec4d, dt: wp.float64) -> wp.vec3d:
+    """Return the mean body rate between two attitudes [rad/s]."""
+    return rotation_vector(product(conjugated(before), after)) / dt
+
+
+@wp.func
+def body_rate_at(track: Track, row: int, attitude: wp.vec4d) -> wp.vec3d:
+    """Return the angular velocity of a body or of the sensor on it in its own frame [rad/s]; NaN where absent.
+
+    Args:
+        track: The body.
+        row: The frame.
+        attitude: `unit_attitude` there.
     """
-    if is_there(presence, side):
-        return position_of(poses, row + side, body)
-    here = position_of(poses, row, body)
-    count = wp.int32(1)
-    while count < REACH_ROWS and is_there(presence, -count * side):
-        count = count + 1
-    x = wp.float64(0.0)
-    y = wp.float64(0.0)
-    z = wp.float64(0.0)
-    for k in range(1, count):
-        weight = extrapolation_weight(count, k)
-        other = position_of(poses, row - k * side, body)
-        x = x + weight * (other[0] - here[0])
-        y = y + weight * (other[1] - here[1])
-        z = z + weight * (other[2] - here[2])
-    return wp.vec3d(here[0] + x, here[1] + y, here[2] + z)
+    if not is_present(track, row):
+        return wp.vec3d(wp.float64(wp.NAN))
+    has_before = is_present(track, row - 1)
+    has_after = is_present(track, row + 1)
+    before = wp.vec3d()
+    after = wp.vec3d()
+    if has_before:
+        before = mean_rate(unit_attitude(track, row - 1), attitude, track.dt)
+    if has_after:
+        after = mean_rate(attitude, unit_attitude(track, row + 1), track.dt)
+    if has_before and not has_after:  # constant angular acceleration beyond an open end
+        second = before
+        if is_present(track, row - 2):
+            second = mean_rate(unit_attitude(track, row - 2), unit_attitude(track, row - 1), track.dt)
+        after = wp.float64(2.0) * before - second
+    if has_after and not has_before:
+        second = after
+        if is_present(track, row + 2):
+            second = mean_rate(unit_attitude(track, row + 1), unit_attitude(track, row + 2), track.dt)
+        before = wp.float64(2.0) * after - second
+    return wp.float64(0.5) * (before + after)
+
+
+@wp.func
+def derivatives_at(track: Track, row: int) -> Derivatives:
+    """Return the derivatives of a body or of the sensor on it in a frame; the body is present there."""
+    out = Derivatives()
+    before = position_beside(track, row, -1)
+    after = position_beside(track, row, 1)
+    attitude = unit_attitude(track, row)
+    out.velocity = (after - before) / (wp.float64(2.0) * track.dt)
+    out.acceleration = (after - wp.float64(2.0) * position_at(track, row) + before) / (track.dt * track.dt)
+    out.body_rate = body_rate_at(track, row, attitude)
+    out.world_rate = rotated(attitude, out.body_rate)
+    return out
 
 
 @wp.kernel
@@ -167,44 +228,24 @@ def differences_kernel(
     """
     index, body = wp.tid()
     row = first + index
-    presence = presence_about(poses, row, body)
-    if not is_there(presence, 0):
-        none = wp.float64(wp.nan)
-        for kind in range(4):
-            derivatives_out[kind, index, body] = wp.vec3d(none, none, none)
-        return
-    q = attitude_of(poses, row, body)
-    if wp.isnan(q[0]):
-        zero_out[0] = 1
-    two = wp.float64(2.0)
-    here = position_of(poses, row, body)
-    velocity = wp.vec3d()
-    acceleration = wp.vec3d()
-    rate = wp.vec3d()
-    side = wp.int32(-1)
-    while side <= 1:  # a loop compiles faster than twice the code
-        place = position_beside(poses, presence, row, body, side)
-        mean = rate_beside(poses, presence, row, body, side, dt)
-        if side < 0:
-            velocity = place
-            rate = mean
-        else:
-            for axis in range(3):
-                acceleration[axis] = (place[axis] - two * here[axis] + velocity[axis]) / (dt * dt)
-                velocity[axis] = (place[axis] - velocity[axis]) / (two * dt)
-                rate[axis] = wp.float64(0.5) * (rate[axis] + mean[axis])
-        side = side + 2
-    turned = cross_of(q[0], q[1], q[2], rate)
-    twice = wp.vec3d(two * turned[0], two * turned[1], two * turned[2])
-    again = cross_of(q[0], q[1], q[2], twice)
-    derivatives_out[0, index, body] = velocity
-    derivatives_out[1, index, body] = acceleration
-    derivatives_out[2, index, body] = rate
-    derivatives_out[3, index, body] = wp.vec3d(
-        rate[0] + q[3] * twice[0] + again[0],
-        rate[1] + q[3] * twice[1] + again[1],
-        rate[2] + q[3] * twice[2] + again[2],
-    )
+    track = Track()
+    track.poses = poses
+    track.body = body
+    track.dt = dt
+    found = Derivatives()
+    nowhere = wp.vec3d(wp.float64(wp.NAN))
+    found.velocity = nowhere
+    found.acceleration = nowhere
+    found.body_rate = nowhere
+    found.world_rate = nowhere
+    if is_present(track, row):
+        found = derivatives_at(track, row)
+        if wp.isnan(attitude_of(poses, row, body)[0]):
+            zero_out[0] = 1
+    derivatives_out[0, index, body] = found.velocity
+    derivatives_out[1, index, body] = found.acceleration
+    derivatives_out[2, index, body] = found.body_rate
+    derivatives_out[3, index, body] = found.world_rate
 
 
 @wp.kernel

@@ -15,11 +15,15 @@ coordinates", J. Geodesy 76 (2002); Mercator map of CARLA 0.9.15, `carla/geom/Ge
 use a transverse one).
 """
 
+from functools import lru_cache
+
 import numpy as np
+import warp as wp
 from numpy.typing import ArrayLike
 
 from mmw.core.errors import InputError
-from mmw.core.transforms import rotate
+from mmw.core.repeated_launch import launch_again
+from mmw.kernels.core import geodesy as kernels
 
 SEMI_MAJOR_AXIS = 6_378_137.0
 """Equatorial radius of WGS-84 [m], and the radius of CARLA's sphere."""
@@ -41,9 +45,7 @@ def wgs84_from_world(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
     Raises:
         InputError: If the reference's latitude is not between -90 and 90 deg.
     """
-    reference = _checked("reference", reference)
-    offset = _turn(_axes(reference).T, np.asarray(points, dtype=np.float64))
-    return geodetic_from_ecef(ecef_from_geodetic(reference) + offset)
+    return _geodetic(points, earth_map(False, reference))
 
 
 def world_from_ecef(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
@@ -78,14 +80,7 @@ def mercator_from_world(points: ArrayLike, reference: ArrayLike) -> np.ndarray:
 
     Args and Raises as `wgs84_from_world`; the reference must not be a pole.
     """
-    latitude, longitude, height = _checked("reference", reference, is_open=True)
-    x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
-    radius = SEMI_MAJOR_AXIS * np.cos(np.radians(latitude))
-    # arsinh(tan) of a latitude is ln tan(pi / 4 + latitude / 2), the north coordinate of a Mercator map of radius 1.
-    north = np.arcsinh(np.tan(np.radians(latitude))) + y / radius
-    return np.stack(
-        [np.degrees(np.arctan(np.sinh(north))), _wrap_deg(longitude + np.degrees(x / radius)), height + z], axis=-1
-    )
+    return _geodetic(points, earth_map(True, reference))
 
 
 def world_from_mercator(geodetic: ArrayLike, reference: ArrayLike) -> np.ndarray:
@@ -125,38 +120,50 @@ def ecef_from_geodetic(geodetic: ArrayLike) -> np.ndarray:
 def geodetic_from_ecef(points: ArrayLike) -> np.ndarray:
     """Return WGS-84 latitude, longitude [deg] and height [m], shape [..., 3], of earth-centered points [m].
 
-    Valid except within 43 km of the earth's center. Symbols as in Vermeille's paper.
+    Valid except within 43 km of the earth's center.
     """
-    x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
-    across = np.hypot(x, y)
-    p = (across / SEMI_MAJOR_AXIS) ** 2
-    q = (1.0 - E2) * (z / SEMI_MAJOR_AXIS) ** 2
-    r = (p + q - E2**2) / 6.0
-    s = E2**2 * p * q / (4.0 * r**3)
-    t = np.cbrt(1.0 + s + np.sqrt(s * (2.0 + s)))
-    u = r * (1.0 + t + 1.0 / t)
-    v = np.sqrt(u**2 + E2**2 * q)
-    w = E2 * (u + v - q) / (2.0 * v)
-    k = np.sqrt(u + v + w**2) - w
-    d = k * across / (k + E2)
-    latitude = 2.0 * np.arctan2(z, d + np.hypot(d, z))
-    height = (k + E2 - 1.0) / k * np.hypot(d, z)
-    return np.stack([np.degrees(latitude), np.degrees(np.arctan2(y, x)), height], axis=-1)
+    return _geodetic(points, _earth(False, None))
 
 
-def heading_from_north(direction: ArrayLike) -> np.ndarray:
-    """Return the heading of world vectors [rad], clockwise from north (+y) seen from above, in [0, 2 pi), shape [...].
+def earth_map(is_mercator: bool, reference: ArrayLike) -> kernels.EarthMap:
+    """Return how a world lies on the earth, as an argument of kernels.
 
-    Same as CARLA's compass: 0 north, pi / 2 east. A vector without a horizontal part gives 0.
+    Args:
+        is_mercator: Whether the map is CARLA's, or else WGS-84.
+        reference: As `wgs84_from_world`.
+
+    Raises:
+        InputError: If the reference's latitude is not between -90 and 90 deg, or a pole with a Mercator map.
     """
-    direction = np.asarray(direction, dtype=np.float64)
-    heading = np.mod(np.arctan2(direction[..., 0], direction[..., 1]), 2.0 * np.pi)
-    return np.where(heading >= 2.0 * np.pi, 0.0, heading)  # np.mod rounds up for -1e-17
+    return _earth(is_mercator, tuple(_checked("reference", reference, is_open=is_mercator).tolist()))
 
 
-def sensor_heading(q: ArrayLike) -> np.ndarray:
-    """Return the heading of a sensor's x axis [rad], in [0, 2 pi), shape [...], of its orientation, shape [..., 4]."""
-    return heading_from_north(rotate(q, (1.0, 0.0, 0.0)))
+@lru_cache(maxsize=16)
+def _earth(is_mercator: bool, reference: tuple[float, ...] | None) -> kernels.EarthMap:
+    """Return `earth_map` of a checked reference, or the map of earth-centered points."""
+    out = kernels.EarthMap()
+    out.e2 = E2
+    out.kind = int(kernels.MERCATOR if is_mercator else kernels.WGS84)
+    out.axes = wp.mat33d(*np.eye(3).ravel())
+    if reference is not None and is_mercator:
+        # arsinh(tan) of a latitude is ln tan(pi / 4 + latitude / 2), the north coordinate of a map of radius 1.
+        latitude = np.radians(reference[0])
+        out.radius = SEMI_MAJOR_AXIS * np.cos(latitude)
+        out.origin = wp.vec3d(np.arcsinh(np.tan(latitude)), *reference[1:])
+    elif reference is not None:
+        place = np.array(reference)
+        out.origin, out.axes = wp.vec3d(*ecef_from_geodetic(place)), wp.mat33d(*_axes(place).T.ravel())
+    return out
+
+
+def _geodetic(points: ArrayLike, earth: kernels.EarthMap) -> np.ndarray:
+    """Return latitude [deg], longitude [deg] and height [m] of points [..., 3]."""
+    points = np.asarray(points, dtype=np.float64)
+    out = np.empty(points.shape)
+    given = wp.array(points.reshape(-1, 3), dtype=wp.vec3d, device="cpu")
+    made = wp.array(out.reshape(-1, 3), dtype=wp.vec3d, device="cpu", copy=False)
+    launch_again(kernels.geodetic_kernel, given.shape, [given, earth, made], "cpu")
+    return out
 
 
 def _axes(reference: np.ndarray) -> np.ndarray:

@@ -14,29 +14,24 @@ Source: Brownian bridge, P. Levy, "Processus stochastiques et mouvement brownien
 Gauss-Markov (Ornstein-Uhlenbeck) series follows from its correlation exp(-|t| / T) by conditioning a normal vector.
 """
 
+import math
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
+import warp as wp
 from numpy.typing import ArrayLike
 
 from mmw.core.frame_rate import SPAN
+from mmw.core.packed_arrays import Layout, borrow_arrays
+from mmw.core.repeated_launch import launch_again
+from mmw.kernels.core import random_series as kernels
 
 DEPTH = 31
 """Levels of the tree: frames from 0 to 2^31 - 1, the range of the tables' `frame` column (248 days)."""
 
-ROUNDS = 10
-"""Rounds of Philox4x32; the authors' recommended number."""
-
-MULTIPLIERS = (np.uint64(0xD2511F53), np.uint64(0xCD9E8D57))
-"""Constants of Philox4x32's two multiplications."""
-
-WEYL_STEPS = (np.uint64(0x9E3779B9), np.uint64(0xBB67AE85))
-"""Increments of the two key words after every round of Philox."""
-
-PART_LEVEL = 64
-"""Level of the counter of the first millisecond of a frame; those of the tree are below it."""
-
-LOW, HIGH_SHIFT = np.uint64(0xFFFFFFFF), np.uint64(32)
+WORDS = 4
+"""Words, and normal numbers, of one draw of the generator."""
 
 
 def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
@@ -48,16 +43,17 @@ def philox(key: ArrayLike, counter: ArrayLike) -> np.ndarray:
 
     Source: Philox4x32-10, J. Salmon et al., "Parallel random numbers: as easy as 1, 2, 3" (2011).
     """
-    key, counter = np.asarray(key, dtype=np.uint64), np.asarray(counter, dtype=np.uint64)
-    k0, k1 = key[..., 0], key[..., 1]
-    c0, c1, c2, c3 = counter[..., 0], counter[..., 1], counter[..., 2], counter[..., 3]
-    for _ in range(ROUNDS):
-        one, two = MULTIPLIERS[0] * c0, MULTIPLIERS[1] * c2
-        c0, c1 = (two >> HIGH_SHIFT) ^ c1 ^ k0, two & LOW
-        c2, c3 = (one >> HIGH_SHIFT) ^ c3 ^ k1, one & LOW
-        k0, k1 = (k0 + WEYL_STEPS[0]) & LOW, (k1 + WEYL_STEPS[1]) & LOW
-    out = np.empty((*c0.shape, 4), dtype=np.uint32)  # two rounds have brought all words to this shape
-    out[..., 0], out[..., 1], out[..., 2], out[..., 3] = c0, c1, c2, c3
+    key, counter = np.asarray(key), np.asarray(counter)
+    shape = np.broadcast_shapes(key.shape[:-1], counter.shape[:-1])
+    keys = key if key.ndim == 1 else np.broadcast_to(key, (*shape, 2))
+    out = np.empty((*shape, WORDS), dtype=np.uint32)
+    inputs = (
+        (keys.reshape(-1, 2), wp.vec2ui),
+        (np.broadcast_to(counter, (*shape, WORDS)).reshape(-1, WORDS), wp.vec4ui),
+    )
+    arrays = [wp.array(values.astype(np.uint32), dtype=kind, device="cpu") for values, kind in inputs]
+    words = wp.array(out.reshape(-1, WORDS), dtype=wp.vec4ui, device="cpu", copy=False)
+    launch_again(kernels.philox_kernel, words.shape, [*arrays, words], "cpu")
     return out
 
 
@@ -73,7 +69,7 @@ def white_series(keys: ArrayLike, frames: ArrayLike, count: int, parts: ArrayLik
     Raises:
         ValueError: If a frame is out of range.
     """
-    return _normal(keys, _checked(frames), _levels(parts, 0), count)
+    return _drawn(keys, frames, parts, count, None)
 
 
 def random_walk(keys: ArrayLike, frames: ArrayLike, count: int, parts: ArrayLike = 0) -> np.ndarray:
@@ -81,12 +77,7 @@ def random_walk(keys: ArrayLike, frames: ArrayLike, count: int, parts: ArrayLike
 
     Args and Raises as `white_series`; shape [A, F, count].
     """
-    half = 2.0 ** np.arange(-1, DEPTH)
-
-    def at_frames(wanted: np.ndarray) -> np.ndarray:
-        return _bisect(keys, wanted, count, np.full(DEPTH + 1, 0.5), np.sqrt(0.5 * half), 0.0, np.sqrt(2.0**DEPTH))
-
-    return _refined(keys, _checked(frames), parts, count, at_frames, _walk_step)
+    return _drawn(keys, frames, parts, count, _walk())
 
 
 def gauss_markov(
@@ -98,6 +89,23 @@ def gauss_markov(
 
     Args and Raises as `white_series`; shape [A, F, count].
     """
+    return _drawn(keys, frames, parts, count, _markov(correlation_frames))
+
+
+@lru_cache(maxsize=1)
+def _walk() -> kernels.Process:
+    """Return the process of a random walk."""
+
+    def step(left: float) -> tuple[float, float, float]:
+        return left / (left + 1.0), 1.0 / (left + 1.0), np.sqrt(left / (left + 1.0) / SPAN)
+
+    half = 2.0 ** np.arange(-1, DEPTH)
+    return _process(np.full(DEPTH + 1, 0.5), np.sqrt(0.5 * half), (0.0, math.sqrt(2.0**DEPTH), 1.0), step)
+
+
+@lru_cache(maxsize=64)
+def _markov(correlation_frames: float) -> kernels.Process:
+    """Return the process of a first-order Gauss-Markov series."""
     half = 2.0 ** np.arange(-1, DEPTH) / correlation_frames
     decay = np.exp(-half)
     # Given both ends, p the correlation over half a span: mean p (left + right) / (1 + p^2), variance
@@ -107,127 +115,66 @@ def gauss_markov(
     whole = 2.0**DEPTH / correlation_frames
     last, carry = float(np.sqrt(-np.expm1(-2.0 * whole))), float(np.exp(-whole))
 
-    def at_frames(wanted: np.ndarray) -> np.ndarray:
-        return _bisect(keys, wanted, count, weight, spread, 1.0, last, carry)
-
     def step(left: float) -> tuple[float, float, float]:
         # With a = one and b = rest: weights sinh(b) / sinh(a + b) and sinh(a) / sinh(a + b), without large numbers.
         one, rest = 1.0 / (SPAN * correlation_frames), left / (SPAN * correlation_frames)
         low, high, whole = (-np.expm1(-2.0 * span) for span in (one, rest, one + rest))
         return np.exp(-one) * high / whole, np.exp(-rest) * low / whole, np.sqrt(low * high / whole)
 
-    return _refined(keys, _checked(frames), parts, count, at_frames, step)
+    return _process(weight, spread, (1.0, last, carry), step)
 
 
-def _walk_step(left: float) -> tuple[float, float, float]:
-    """Return, for a step of a random walk by one millisecond, weights of start and end of a span, and the spread.
+def _process(
+    weight: np.ndarray,
+    spread: np.ndarray,
+    ends: tuple[float, float, float],
+    step: Callable[[float], tuple[float, float, float]],
+) -> kernels.Process:
+    """Return a Markov process.
 
     Args:
-        left: Milliseconds from the step to the end of the span.
+        weight: Weight of both ends in the mean of the middle of a span of 2^level frames, shape [DEPTH + 1].
+        spread: Standard deviation of the middle about that mean, shape [DEPTH + 1].
+        ends: Standard deviations of the value at frame 0, and of that at frame 2^DEPTH about a multiple of the first;
+            the multiple.
+        step: Returns, by the milliseconds from a step of one millisecond to the end of its frame, the weights of the
+            value before and of the value at the end, and the standard deviation about their sum.
     """
-    return left / (left + 1.0), 1.0 / (left + 1.0), np.sqrt(left / (left + 1.0) / SPAN)
-
-
-def _refined(
-    keys: ArrayLike,
-    frames: np.ndarray,
-    parts: ArrayLike,
-    count: int,
-    at_frames: Callable[[np.ndarray], np.ndarray],
-    step: Callable[[float], tuple[float, float, float]],
-) -> np.ndarray:
-    """Return a series at milliseconds within frames, given the series at frames, shape [A, F, count].
-
-    A Markov process between two known values is drawn from the left: each value is normal given its left neighbor and
-    the right end, with weights and spread from `step`.
-    """
-    parts = np.broadcast_to(np.asarray(parts, dtype=np.int64), frames.shape)
-    if not parts.any():
-        return at_frames(frames)
-    base, back = np.unique(frames, return_inverse=True)
-    value, end = at_frames(base), at_frames(base + 1)
-    out = value[:, back]
-    for part in range(1, int(parts.max()) + 1):
-        near, far, spread = step(float(SPAN - part))
-        value = near * value + far * end + spread * _normal(keys, base, _levels(part, 0), count)
-        out = np.where((parts == part)[:, None], value[:, back], out)
+    out = kernels.Process()
+    out.weight, out.spread = (wp.array(values, dtype=wp.float64, device="cpu") for values in (weight, spread))
+    out.first, out.last, out.carry = ends
+    steps = [(0.0, 0.0, 0.0), *(step(float(SPAN - part)) for part in range(1, SPAN))]
+    out.step = wp.array(np.array(steps), dtype=wp.float64, device="cpu")
     return out
 
 
-def _levels(parts: ArrayLike, level: int) -> np.ndarray:
-    """Return the level of the counter of milliseconds in a frame; that of the frame itself is `level`."""
-    parts = np.asarray(parts, dtype=np.int64)
-    return np.where(parts == 0, level, PART_LEVEL + parts)
-
-
-def _bisect(
-    keys: ArrayLike,
-    frames: ArrayLike,
-    count: int,
-    weight: np.ndarray,
-    spread: np.ndarray,
-    first: float,
-    last: float,
-    carry: float = 1.0,
+def _drawn(
+    keys: ArrayLike, frames: ArrayLike, parts: ArrayLike, count: int, process: "kernels.Process | None"
 ) -> np.ndarray:
-    """Return the values of a tree at some frames, shape [A, F, count].
-
-    Args:
-        keys: As `white_series`.
-        frames: As `white_series`.
-        count: As `white_series`.
-        weight: Weight of both ends in the mean of the middle of a span of 2^level frames, shape [DEPTH + 1].
-        spread: Standard deviation of the middle about that mean, shape [DEPTH + 1].
-        first: Standard deviation of the value at frame 0.
-        last: Standard deviation of the value at frame 2^DEPTH about `carry` times the first.
-        carry: See `last`.
-    """
-    wanted, back = np.unique(_checked(frames), return_inverse=True)
-    spans = [wanted]  # of every level, from the frames up to the single span that contains all
-    for _ in range(DEPTH):
-        parents = spans[-1] >> 1
-        spans.append(parents[np.concatenate([np.ones(min(len(parents), 1), dtype=bool), np.diff(parents) > 0])])
-    stop = np.cumsum([0, *(len(span) for span in spans[1:])])
-    level = np.repeat(np.arange(1, DEPTH + 1), np.diff(stop))
-    draws = _normal(keys, np.concatenate(spans[1:]), level, count)  # one call of the generator for the whole tree
-    ends = _normal(keys, np.array([0, 1]), DEPTH + 1, count)
-    left = first * ends[:, :1]
-    right = carry * left + last * ends[:, 1:]
-    left, right = (np.repeat(end, len(spans[DEPTH]), axis=1) for end in (left, right))
-    for depth in range(DEPTH, 0, -1):
-        middle = weight[depth] * (left + right) + spread[depth] * draws[:, stop[depth - 1] : stop[depth]]
-        parent = np.searchsorted(spans[depth], spans[depth - 1] >> 1)
-        is_right = (spans[depth - 1] & 1).astype(bool)[:, None]
-        left, right = (
-            np.where(is_right, middle[:, parent], left[:, parent]),
-            np.where(is_right, right[:, parent], middle[:, parent]),
-        )
-    return left[:, back]
+    """Return a series at instants, shape [A, F, count]: white without a process."""
+    streams, base = np.asarray(keys, dtype=np.uint32).reshape(-1, 2), np.asarray(frames, dtype=np.int64).reshape(-1)
+    part = np.broadcast_to(np.asarray(parts, dtype=np.int64), base.shape)
+    # Between two frames the later one is needed too.
+    _check(base, base if process is None else base + (part > 0))
+    draws = -(-count // WORDS)
+    numbers: Layout = (base.shape, wp.int32)
+    values: Layout = ((len(streams), len(base), draws), wp.vec4d)
+    ends: Layout = ((0 if process is None else len(streams) * draws, DEPTH + 1, 2), wp.vec4d)
+    block = borrow_arrays("cpu", ((len(streams),), wp.vec2ui), numbers, numbers, ends, values)
+    block.host[0][:], block.host[1][:], block.host[2][:] = streams, base, part
+    *inputs, scratch, out = block.arrays
+    if process is None:
+        launch_again(kernels.white_kernel, out.shape, [*inputs, out], "cpu")
+    elif len(base):
+        launch_again(kernels.markov_kernel, out.shape[::2], [*inputs, process, scratch, out], "cpu")
+    drawn = block.host[-1].reshape(len(streams), len(base), draws * WORDS)[..., :count].copy()
+    block.release()
+    return drawn
 
 
-def _normal(keys: ArrayLike, item: np.ndarray, level: ArrayLike, count: int) -> np.ndarray:
-    """Return standard normal numbers for every key and (item, level), shape [A, N, count].
-
-    Source: G. Box and M. Muller, "A note on the generation of random normal deviates" (1958).
-    """
-    draw = np.arange(-(-count // 4))
-    counter = np.zeros((len(item), len(draw), 4), dtype=np.uint64)
-    counter[..., 0] = item[:, None]
-    counter[..., 1] = draw
-    counter[..., 2] = np.asarray(level)[..., None]
-    bits = philox(np.asarray(keys).reshape(-1, 1, 1, 2), counter)
-    uniform = (bits + 0.5) * 2.0**-32  # center of one of 2^32 cells: never zero, for the logarithm
-    radius, angle = np.sqrt(-2.0 * np.log(uniform[..., ::2])), 2.0 * np.pi * uniform[..., 1::2]
-    normal = np.empty((*radius.shape, 2))
-    normal[..., 0], normal[..., 1] = radius * np.cos(angle), radius * np.sin(angle)
-    return normal.reshape(*normal.shape[:2], 4 * len(draw))[..., :count]
-
-
-def _checked(frames: ArrayLike) -> np.ndarray:
-    frames = np.asarray(frames, dtype=np.int64).reshape(-1)
-    if len(frames) and not 0 <= frames.min() <= frames.max() < 2**DEPTH:
+def _check(first: np.ndarray, last: np.ndarray) -> None:
+    if len(first) and not 0 <= first.min() <= last.max() < 2**DEPTH:
         raise ValueError(
-            f"random series: frames {frames.min()} to {frames.max()}; a frame number is 0 to {2**DEPTH - 1}; "
+            f"random series: frames {first.min()} to {last.max()}; a frame number is 0 to {2**DEPTH - 1}; "
             "give frames of a recording"
         )
-    return frames

@@ -18,7 +18,7 @@ from mmw.scene.rows import frame_rows, pose_rows
 from mmw.scene.table_rows import names
 from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.ground_truth.boxes_3d import box_rows, make_boxes
-from mmw.sensors.ground_truth.visibility import trace_sight
+from mmw.sensors.ground_truth.visibility import start_sight
 from mmw.sensors.ground_truth.visibility_rows import sight_rows
 
 
@@ -43,9 +43,9 @@ def capture_frames(
 
 def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Add frames, poses, boxes and, if there is a channel, lines of sight between antennas and actors."""
-    capture_poses(batch, frames, collected)
-    capture_boxes(batch, frames, collected)
-    capture_sight(batch, frames, collected)
+    with started_sight(batch, frames, collected):
+        capture_poses(batch, frames, collected)
+        capture_boxes(batch, frames, collected)
 
 
 def capture_poses(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
@@ -61,16 +61,22 @@ def capture_boxes(batch: Batch, frames: Sequence[int], collected: TableRows) -> 
         collect(collected, {"boxes": box_rows(batch.arrays, make_boxes(batch.arrays, frames, batch.motion))})
 
 
-def capture_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
-    """Add lines of sight between antennas and actors if there is a channel."""
-    channel = batch.config.channel
-    if not channel.enabled:
-        return
+@contextmanager
+def started_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> Iterator[None]:
+    """Trace lines of sight of antennas, if there is a channel, and add their rows at the end of a `with` statement.
+
+    The host waits for the device at the end alone.
+    """
+    channel, traced = batch.config.channel, []
+    if channel.enabled:
+        with batch.clock.stage("ground truth"):
+            due = channel.is_due(batch.arrays.numbers(frames), batch.arrays.rate_hz)
+            for antenna in channel.antennas:
+                traced.append((antenna.name, start_sight(batch.scene.optical, frames, antenna, due)))
+    yield
     with batch.clock.stage("ground truth"):
-        due = channel.is_due(batch.arrays.numbers(frames), batch.arrays.rate_hz)
-        for antenna in channel.antennas:
-            sight = trace_sight(batch.scene.optical, frames, antenna, due)
-            collect(collected, {"box_visibility": sight_rows(batch.arrays, antenna.name, sight)})
+        for name, wait in traced:
+            collect(collected, {"box_visibility": sight_rows(batch.arrays, name, wait())})
 
 
 def capture_sensors(

@@ -35,8 +35,11 @@ BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
 )  # fmt: skip
 """Module -> threads of a block in its launches, where it is not 256 alone; on a GPU each is compiled by itself."""
 
-HOST_MODULES = ("core.body_motion",)
+HOST_MODULES = ("core.bodies", "core.body_motion")
 """Modules that every run launches on the host, also with a GPU."""
+
+SENSORS_ON_HOST = frozenset(("core.random_series", "navigation.gnss", "navigation.imu"))
+"""Modules of sensors that are launched on the host, also with a GPU."""
 
 POLL_S = 0.1
 """Time between two looks at whether another worker has compiled a module [s]."""
@@ -76,9 +79,11 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
     waiting: deque[tuple[str, int | None, str]] = deque(
         (name, block, device)
         for name in needed_modules(config, on_gpu=not is_cpu)
+        if name not in SENSORS_ON_HOST
         for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
     )
-    waiting += [(name, None, "cpu") for name in HOST_MODULES]
+    on_host = [name for name in needed_modules(config, on_gpu=not is_cpu) if name in SENSORS_ON_HOST]
+    waiting += [(name, None, "cpu") for name in (*HOST_MODULES, *on_host)]
     ended = threading.Event()
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS), thread_name_prefix="mmw-compiler")
     try:

@@ -16,8 +16,9 @@ from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
 from mmw.core.random_keys import random_keys
 from mmw.core.remember import remembered
-from mmw.core.transforms import compose, cross, normalize, pose_from_mount
+from mmw.core.transforms import cross, pose_from_mount
 from mmw.kernels.core import structs
+from mmw.scene.bodies import mounted_poses
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Actor, SceneData
 
@@ -149,17 +150,11 @@ def actor_views(arrays: SceneData, frames: Sequence[int], sensor: SensorConfig, 
     """
     mounts = np.array([actor_mount(arrays.actors, sensor, i) for i in actors.tolist()]).reshape(-1, 7)
     rows = frame_rows(arrays, frames)
-    return _views(np.asarray(frames, dtype=np.int64), actors, *_mounted(arrays.poses[rows][:, actors], mounts))
-
-
-def _mounted(pose: np.ndarray, mounts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return poses of sensors by those of their actors, shape [F, n, 7], and which are there, shape [F, n], bool."""
-    sensor = compose(np.concatenate([pose[..., :3], normalize(pose[..., 3:])], axis=-1), mounts)
-    return sensor, np.asarray(np.isfinite(pose).all(axis=-1))
+    return _views(np.asarray(frames, dtype=np.int64), actors, *mounted_poses(arrays.poses[rows][:, actors], mounts))
 
 
 def _views(frames: np.ndarray, actors: np.ndarray, pose: np.ndarray, is_present: np.ndarray) -> Views:
-    """Return the views of the actors that are there; see `_mounted`."""
+    """Return the views of the actors that are there, see `mounted_poses`."""
     batch_index, place = np.nonzero(is_present)
     nobody = np.full(len(place), -1, dtype=np.int32)
     return Views(frames[batch_index], batch_index.astype(np.int32), actors[place], pose[batch_index, place], nobody)
@@ -187,7 +182,7 @@ class SensorViews:
         self._arrays, self._frames = arrays, np.asarray(frames, dtype=np.int64)
         self._carried = _all_carried(arrays.actors, sensors, arrays.sensing)
         poses = arrays.poses[frame_rows(arrays, frames)][:, self._carried.actors]
-        self._pose, self._is_present = _mounted(poses, self._carried.mounts)
+        self._pose, self._is_present = mounted_poses(poses, self._carried.mounts)
 
     def of(self, sensor: SensorConfig) -> Views:
         """Return the views of one of the sensors, or of another one."""

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from mmw.core import random_series
 from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, philox, random_walk, white_series
+from tests.oracles import random_series as oracle
 
 KEYS = random_keys([(1, "a"), (1, "b"), (2, "a")])
 
@@ -31,6 +33,20 @@ def test_philox_gives_the_authors_known_answers(counter: tuple, key: tuple, word
     """Source: kat_vectors of Random123 1.14.0, lines `philox4x32 10`."""
     assert tuple(philox(key, counter)) == words
     assert tuple(philox([key, (1, 2)], [[counter], [(5, 6, 7, 8)]])[0, 0]) == words
+
+
+@pytest.mark.parametrize("name", ["white_series", "random_walk", "gauss_markov"])
+def test_values_are_those_of_all_nodes_at_once(name: str) -> None:
+    """The words are the same; logarithms and cosines of NumPy may differ in the last bits from those of a kernel.
+
+    A value is a sum of 31 such numbers, so 1e-12 of the largest is far above their rounding.
+    """
+    frames, parts = np.array([0, 1, 2, 3, 500, 77, 77, 2**31 - 2, 10**6]), np.array([0, 3, 9, 0, 1, 2, 2, 5, 0])
+    more = (300.0,) if name == "gauss_markov" else ()
+    for part in (0, parts):
+        found = getattr(random_series, name)(KEYS, frames, 6, *more, parts=part)
+        wanted = getattr(oracle, name)(KEYS, frames, 6, *more, parts=part)
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=1e-12 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize("name", SERIES)

@@ -15,7 +15,15 @@ from mmw.channel.path_solver.surface_table import group_coplanar
 from mmw.config import Config, load_config
 from mmw.core.resources import configs_dir
 from mmw.generation import precompile
-from mmw.generation.precompile import BLOCKS, HOST_MODULES, compiled_ahead, kernel_cache, lock_name, needed_modules
+from mmw.generation.precompile import (
+    BLOCKS,
+    HOST_MODULES,
+    SENSORS_ON_HOST,
+    compiled_ahead,
+    kernel_cache,
+    lock_name,
+    needed_modules,
+)
 from mmw.storage.lock import exclusive_lock
 
 KERNELS = Path(__file__).parents[2] / "kernels"
@@ -39,6 +47,11 @@ def test_what_is_needed_follows_the_sensors() -> None:
     assert {"channel.image_method", "channel.reflection_candidates"} < set(
         needed_modules(config_with("sensors=[{type: imu}]"))
     )
+    imu = needed_modules(config_with("sensors=[{type: imu}]", "channel.enabled=false"))
+    assert set(imu) == {*ALWAYS, "navigation.imu"}
+    gnss = needed_modules(config_with("sensors=[{type: gnss, mode: physical}]", "channel.enabled=false"))
+    assert set(gnss) == {*ALWAYS, "navigation.gnss", "core.random_series"}
+    assert {*imu, *gnss} - ALWAYS == SENSORS_ON_HOST
     everything = needed_modules(config_with())
     assert all((KERNELS / f"{name.replace('.', '/')}.py").is_file() for name in everything)
     assert len(set(everything)) == len(everything)
@@ -78,7 +91,7 @@ def test_modules_are_loaded_when_the_futures_are_done() -> None:
         assert not all(future.done() for future in futures)  # another worker seems to compile one
     with compiled_ahead(config, "cpu") as futures:
         assert {future.result() for future in futures} == {None}
-    for name in ("core.trace", "core.line_of_sight", "core.instance_bounds", *HOST_MODULES):
+    for name in ("core.trace", "core.line_of_sight", "core.instance_bounds", *HOST_MODULES, "navigation.imu"):
         assert wp.get_module(f"mmw.kernels.{name}").execs, name
 
 

@@ -1,20 +1,30 @@
-"""Motion of sensors on several agents is that of each agent alone, bit for bit."""
+"""Samples of sensors on several agents are those of each agent alone, bit for bit."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 from mmw.config import MountConfig
 from mmw.core.transforms import pose_from_ypr
-from mmw.scene.views import Views
-from mmw.sensors import Imu
-from mmw.sensors.mounted_motion import mounted_motion, view_grid
+from mmw.scene.views import Views, sample_views
+from mmw.sensors import Gnss, Imu
+from mmw.sensors.gnss.error_models import make_gnss
+from mmw.sensors.imu.simulate import make_imu
+from mmw.sensors.mounted_motion import view_grid
 from tests.fixtures.driving_agents import driving
 from tests.fixtures.scenes import ABSENT
 
 FRAMES = 24
-CONFIG = Imu(mount={"cav": MountConfig(position_m=(1.3, -0.4, 1.7), yaw_deg=20.0)})
+MOUNT = {"cav": MountConfig(position_m=(1.3, -0.4, 1.7), yaw_deg=20.0)}
+SENSORS = {
+    "carla": (make_imu, Imu(mount=MOUNT)),
+    "late": (make_imu, Imu(mount=MOUNT, accel_lag_frames=1, handedness="left")),
+    "physical": (make_imu, Imu(mount=MOUNT, mode="physical", accel_turn_on_std=0.1, misalignment_std_deg=0.5)),
+    "gnss": (make_gnss, Gnss(mount=MOUNT)),
+    "drifting gnss": (make_gnss, Gnss(mount=MOUNT, mode="physical")),
+}
 
 
 def curves(count: int) -> list[np.ndarray]:
@@ -28,21 +38,23 @@ def curves(count: int) -> list[np.ndarray]:
     ]
 
 
-@pytest.mark.parametrize("lag", [0, 1])
+@pytest.mark.parametrize("kind", SENSORS)
 @pytest.mark.parametrize("rows", [[0], [1], [11, 12], [FRAMES - 2], [FRAMES - 1], list(range(FRAMES))])
 @pytest.mark.parametrize("is_absent", [False, True])
-def test_agents_together_are_those_one_by_one(rows: list[int], lag: int, is_absent: bool) -> None:
+def test_agents_together_are_those_one_by_one(rows: list[int], kind: str, is_absent: bool) -> None:
+    make: Callable = SENSORS[kind][0]
+    config = SENSORS[kind][1]
     arrays = driving(*curves(3))
     if is_absent:
         arrays.poses[9:11, 1] = ABSENT
-    at, actors = np.array(rows), np.arange(3, dtype=np.int32)
-    together = mounted_motion(arrays, CONFIG, actors, at, lag)
-    for k in range(3):
-        alone = mounted_motion(arrays, CONFIG, actors[k : k + 1], at, lag)
-        np.testing.assert_array_equal(together.pose[:, k], alone.pose[:, 0])
-        for field in dataclasses.fields(together.motion):
-            found, wanted = (getattr(part.motion, field.name) for part in (together, alone))
-            np.testing.assert_array_equal(found[together.at, k], wanted[alone.at, 0], err_msg=field.name)
+    views = sample_views(arrays, rows, config)
+    together = make(arrays, views, config, 3, "s")
+    for actor in range(3):
+        own = views.actor == actor
+        alone = make(arrays, views.take(own), config, 3, "s")
+        for field in dataclasses.fields(alone):
+            found, wanted = getattr(together, field.name)[own], getattr(alone, field.name)
+            np.testing.assert_array_equal(found, wanted, err_msg=field.name)
 
 
 @pytest.mark.parametrize(("frame", "actor"), [([4, 4], [0, 2]), ([4, 4, 7], [0, 2, 2]), ([4, 4], [2, 0]), ([], [])])

@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Future
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
 from typing import Any
 
@@ -28,10 +28,10 @@ from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
     capture_boxes,
     capture_poses,
-    capture_sight,
     channel_links,
     channel_rows,
     started_sensors,
+    started_sight,
     trace_channel,
 )
 from mmw.generation.pipeline import join_batches
@@ -92,13 +92,14 @@ def capture_makers(
         solve: Returns links of the frames and their paths.
     """
     sensors = [sensor for sensor in batch.config.sensors if ("sensor", sensor.name) in makers]
-    with started_sensors(batch, frames, rows, sensors):
+    with (
+        started_sensors(batch, frames, rows, sensors),
+        started_sight(batch, frames, rows) if ("sight",) in makers else nullcontext(),
+    ):
         if ("poses",) in makers:
             capture_poses(batch, frames, rows)
         if ("boxes",) in makers:
             capture_boxes(batch, frames, rows)
-        if ("sight",) in makers:
-            capture_sight(batch, frames, rows)
         if solve is not None and ("channel",) in makers and batch.surfaces is not None:
             channel_rows(batch, *solve(batch, batch.surfaces), rows)
 

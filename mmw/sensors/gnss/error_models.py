@@ -17,21 +17,26 @@ Source: CARLA 0.9.15 `sensor.other.gnss`; error model as in R. G. Brown and P. Y
 Signals and Applied Kalman Filtering" (2012), chapter 9.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+import warp as wp
 
 from mmw.core.constants import FRAME_DT
 from mmw.core.frame_rate import instants
-from mmw.core.geodesy import mercator_from_world, sensor_heading, wgs84_from_world
-from mmw.core.random_keys import random_keys
-from mmw.core.random_series import gauss_markov, white_series
+from mmw.core.geodesy import earth_map
+from mmw.core.random_series import gauss_markov
+from mmw.core.remember import remembered
+from mmw.kernels.navigation import gnss as kernels
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, frame_rows
+from mmw.scene.views import Views
 from mmw.sensors.gnss.config import Gnss
-from mmw.sensors.mounted_motion import mounted_motion, view_grid
+from mmw.sensors.mounted_motion import agent_names, mounted_samples, series_keys, view_grid
 from mmw.sensors.samples import Samples
+
+COLUMNS = 11
+"""Numbers of a sample of the kernel: those of `GnssSample` in their order."""
 
 SLOWEST = 0.01
 """Speed from which motion has a direction [m/s]; design value."""
@@ -76,47 +81,40 @@ def make_gnss(arrays: SceneData, views: Views, config: Gnss, seed: int, scenario
     Raises:
         ValueError: If the scene does not cover a frame.
     """
+    drift = _no_drift() if config.mode == "carla" else _drift(arrays, views, config, seed, scenario)
+    errors = [drift, _model(config), earth_map(config.mode == "carla", config.reference)]
+    values = mounted_samples(kernels.gnss_kernel, arrays, views, config, (seed, scenario), errors, COLUMNS)
+    return GnssSample(*(values[at : at + 3].T for at in (0, 3, 6)), *values[9:])
+
+
+def _drift(arrays: SceneData, views: Views, config: Gnss, seed: int, scenario: str) -> wp.array:
+    """Return the drift of each view, of spread 1: an argument of the kernel."""
     grid = view_grid(views)
-    moved = mounted_motion(arrays, config, grid.actors, frame_rows(arrays, grid.frames))
-    pose, velocity = (values[moved.at].swapaxes(0, 1) for values in (moved.pose, moved.motion.velocity))
-    names = [arrays.actors[index].name for index in grid.actors.tolist()]
-    measured = _measure(pose, velocity, instants(grid.frames, arrays.rate_hz), config, (seed, scenario), names)
-    return GnssSample(*(values[grid.place] for values in measured))
+    keys = series_keys(config, seed, scenario, agent_names(arrays, grid.actors), "drift")
+    base, parts = instants(grid.frames, arrays.rate_hz)
+    series = gauss_markov(keys, base, 3, config.drift_correlation_s / FRAME_DT, parts)
+    return wp.array(series[grid.place], dtype=wp.vec3d, device="cpu")
 
 
-def _measure(
-    pose: np.ndarray,
-    velocity: np.ndarray,
-    times: tuple[np.ndarray, np.ndarray],
-    config: Gnss,
-    stream: tuple[str | int, ...],
-    agents: Sequence[str],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return measured and true position, velocity, speed and heading, shape [A, F] or [A, F, 3]; times: `instants`."""
-    frames, parts = times
+@cache
+def _no_drift() -> wp.array:
+    return wp.empty(0, dtype=wp.vec3d, device="cpu")
 
-    def keys(kind: str) -> np.ndarray:
-        return random_keys((*stream, agent, config.name, kind) for agent in agents)
 
-    white = white_series(keys("white"), frames, 8, parts)
-    heading_true = sensor_heading(pose[..., 3:])
-    heading = np.mod(heading_true + np.radians(config.heading_noise_std_deg) * white[..., 6], 2.0 * np.pi)
-    heading = np.where(heading >= 2.0 * np.pi, 0.0, heading)
+@remembered()
+def _model(config: Gnss) -> kernels.GnssModel:
+    model = kernels.GnssModel()
+    model.slowest, model.heading_std = SLOWEST, np.radians(config.heading_noise_std_deg)
     if config.mode == "carla":
-        true = mercator_from_world(pose[..., :3], config.reference)
-        spread = (config.latitude_noise_std_deg, config.longitude_noise_std_deg, config.altitude_noise_std_m)
-        speed_true = np.linalg.norm(velocity[..., :2], axis=-1)
-        error = config.speed_noise_std_m_s * white[..., 3]
-        facing = np.stack([np.sin(heading_true), np.cos(heading_true)], axis=-1)
-        moving = velocity[..., :2] / np.maximum(speed_true, SLOWEST)[..., None]
-        along = np.where((speed_true >= SLOWEST)[..., None], moving, facing)
-        noisy = velocity.copy()
-        noisy[..., :2] += error[..., None] * along
-        return true + np.array(spread) * white[..., :3], true, noisy, speed_true + error, heading
-    drift = gauss_markov(keys("drift"), frames, 3, config.drift_correlation_s / FRAME_DT, parts)
-    spread = np.array([config.horizontal_drift_std_m] * 2 + [config.vertical_drift_std_m])
-    noise = np.array([config.horizontal_noise_std_m] * 2 + [config.vertical_noise_std_m])
-    measured = wgs84_from_world(pose[..., :3] + spread * drift + noise * white[..., :3], config.reference)
-    noisy = velocity + config.velocity_noise_std_m_s * white[..., 3:6]
-    speed = np.linalg.norm(noisy[..., :2], axis=-1)
-    return measured, wgs84_from_world(pose[..., :3], config.reference), noisy, speed, heading
+        model.noise_std = wp.vec3d(
+            config.latitude_noise_std_deg, config.longitude_noise_std_deg, config.altitude_noise_std_m
+        )
+        model.speed_std = config.speed_noise_std_m_s
+    else:
+        across, up = config.horizontal_noise_std_m, config.vertical_noise_std_m
+        model.noise_std = wp.vec3d(across, across, up)
+        model.drift_std = wp.vec3d(
+            config.horizontal_drift_std_m, config.horizontal_drift_std_m, config.vertical_drift_std_m
+        )
+        model.speed_std = config.velocity_noise_std_m_s
+    return model

@@ -20,9 +20,12 @@ def _estimate(config: Gnss) -> Estimate:
 
 
 def _kernels(config: Gnss, on_gpu: bool) -> Mapping[str, float]:
-    if config.mode != "ray_traced":
-        return {}
-    return {"channel.image_method": 7, "channel.reflection_candidates": 2}
+    modules = {"navigation.gnss": 2}
+    if config.mode != "carla":
+        modules["core.random_series"] = 2
+    if config.mode == "ray_traced":
+        modules |= {"channel.image_method": 7, "channel.reflection_candidates": 2}
+    return modules
 
 
 SPEC = SensorSpec(

@@ -4,11 +4,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from mmw.config.agent_keys import AGENT_ROLES
 from mmw.core.kinematics import Motion, differentiate
+from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.remember import remembered
-from mmw.core.transforms import compose, cross, make_pose, normalize, quaternion_to_ypr, rotate
+from mmw.core.repeated_launch import launch_again
+from mmw.kernels.core.bodies import boxes_kernel
 from mmw.scene.scene_data import Actor, SceneData
 from mmw.scene.table_rows import ActorTexts, Columns, actor_texts, encoded_texts, split, texts_of
 from mmw.scene.views import frame_rows
@@ -46,7 +49,7 @@ class BoxedActors:
     object_id: np.ndarray
     """Object id, shape [K], int32."""
     middle: np.ndarray
-    """Box to actor, origin in the middle of the box, shape [K, 7], float64."""
+    """Middle of the box in the actor's frame [m], shape [K, 3]."""
     size: np.ndarray
     """Length, width, height [m], shape [K, 3]."""
 
@@ -58,7 +61,7 @@ def boxed(actors: tuple[Actor, ...]) -> BoxedActors:
     return BoxedActors(
         np.array([i for i, _ in own], dtype=np.int32),
         np.array([actor.object_id for _, actor in own], dtype=np.int32),
-        make_pose(np.array([actor.center for _, actor in own], dtype=np.float64).reshape(-1, 3), (0.0, 0.0, 0.0, 1.0)),
+        np.array([actor.center for _, actor in own], dtype=np.float64).reshape(-1, 3),
         np.array([actor.size for _, actor in own], dtype=np.float64).reshape(-1, 3),
     )
 
@@ -71,21 +74,36 @@ def make_boxes(arrays: SceneData, frames: Sequence[int], motion: Motion | None =
     """
     if motion is None:
         motion = differentiate(arrays.poses, arrays.pose_dt)
-    found, rows = boxed(arrays.actors), frame_rows(arrays, frames)
-    at, place = np.nonzero(np.isfinite(arrays.poses[rows][:, found.actor]).all(axis=-1))
-    row, actor = rows[at], found.actor[place]
-    pose = arrays.poses[row, actor]
-    q = normalize(pose[:, 3:])
-    middle = found.middle[place]
-    return Boxes(
-        frame=np.asarray(frames, dtype=np.int64)[at],
-        actor=actor,
-        object_id=found.object_id[place],
-        pose=compose(make_pose(pose[:, :3], q), middle),
-        ypr=quaternion_to_ypr(q),
-        size=found.size[place],
-        velocity=motion.velocity[row, actor] + cross(motion.world_rate[row, actor], rotate(q, middle[:, :3])),
-    )
+    rows = frame_rows(arrays, frames)
+    is_here = np.isfinite(arrays.poses[rows[:, None], boxed(arrays.actors).actor]).all(axis=-1)
+    found = _present(arrays.actors, is_here.tobytes())
+    row, actor, count = rows[found.batch_index], found.actor, len(found.actor)
+    vectors = ((count,), wp.vec3d)
+    block = borrow_arrays("cpu", ((count, 7), wp.float64), vectors, vectors, vectors, ((13, count), wp.float64))
+    given = arrays.poses[row, actor], motion.velocity[row, actor], motion.world_rate[row, actor], found.middle
+    for held, values in zip(block.host, given, strict=False):
+        held[:] = values
+    launch_again(boxes_kernel, (count,), block.arrays, "cpu")
+    made = block.host[-1].copy()
+    block.release()
+    frame = np.asarray(frames, dtype=np.int64)[found.batch_index]
+    return Boxes(frame, actor, found.object_id, made[:7].T, made[7:10].T, found.size, made[10:].T)
+
+
+@dataclass(frozen=True)
+class _Present(BoxedActors):
+    """The actors that have a box in some frames, frame by frame."""
+
+    batch_index: np.ndarray
+    """Place of the frame among the frames, shape [K]."""
+
+
+@remembered()
+def _present(actors: tuple[Actor, ...], is_here: bytes) -> _Present:
+    """Return the boxed actors of frames in which some of them are present, [F, K], bool, as bytes."""
+    found = boxed(actors)
+    at, place = np.nonzero(np.frombuffer(is_here, dtype=bool).reshape(-1, max(len(found.actor), 1)))
+    return _Present(found.actor[place], found.object_id[place], found.middle[place], found.size[place], at)
 
 
 def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:

@@ -3,7 +3,7 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,9 @@ import warp as wp
 from mmw.config.antennas import AntennaConfig
 from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.core.remember import remembered
-from mmw.core.transforms import make_pose, normalize, transform_points
+from mmw.core.repeated_launch import launch_again
 from mmw.kernels.core import line_of_sight as sight
+from mmw.scene.bodies import points_on
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.scene_data import Actor
 from mmw.scene.views import frame_rows
@@ -67,13 +68,13 @@ class LineOfSight:
     """Object id of the first obstacle on the line of sight, -1 where there is none, shape [L], int32."""
 
 
-def trace_sight(
+def start_sight(
     scene: DeviceScene,
     frames: Sequence[int],
     antenna: AntennaConfig,
     due: np.ndarray | None = None,
-) -> LineOfSight:
-    """Return whether an antenna of each agent sees the middle of each boxed actor, and the first obstacle between them.
+) -> Callable[[], LineOfSight]:
+    """Trace whether an antenna of each agent sees the middle of each boxed actor, and the first obstacle between them.
 
     The agent's own body is passed through, so that a low roof does not hide what drives beside it.
 
@@ -82,54 +83,75 @@ def trace_sight(
         frames: Frames of the batch.
         antenna: The antenna; agents that do not carry it have no row.
         due: Frames that are looked at, shape of `frames`, bool; None for all of them.
+
+    Returns:
+        Waits for the device and returns the lines; to be called once. The host may do other work before.
     """
-    arrays, lines = scene.arrays, _lines(scene.arrays.actors, antenna)
-    rows = frame_rows(arrays, frames)
-    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
+    arrays, rows = scene.arrays, frame_rows(scene.arrays, frames)
+    poses = arrays.poses[rows]
+    is_here = np.asarray(np.isfinite(poses).all(axis=2))
     if due is not None:
         is_here &= due[:, None]
-    batch_index, line = np.nonzero(is_here[:, lines.agent] & is_here[:, lines.actor])
-    agent, actor = lines.agent[line], lines.actor[line]
-    start = transform_points(_unit(arrays.poses[rows[batch_index], agent]), lines.place[agent])
-    end = transform_points(_unit(arrays.poses[rows[batch_index], actor]), lines.middle[actor])
-    instance_of = np.full(len(arrays.actors), -1, dtype=np.int32)
-    instance_of[scene.instance_actor] = np.arange(len(scene.instance_actor))
-    first = trace_line_of_sight(scene, batch_index, start, end, instance_of[agent])
-    own = object_ids(arrays.actors)[actor]
-    is_los = (first < 0) | (first == own)
-    frame = np.asarray(frames, dtype=np.int64)[batch_index]
-    return LineOfSight(frame, agent, actor, is_los, np.where(is_los, -1, first).astype(np.int32))
+    lines = _lines(arrays.actors, antenna, scene.instance_actor, is_here.tobytes())
+    at = np.concatenate([lines.batch_index, lines.batch_index])
+    points = points_on(poses[at, lines.end], lines.place)
+    count = len(lines.actor)
+    found = start_lines(scene, lines.batch_index, points[:count], points[count:], lines.ignore)
+
+    def wait() -> LineOfSight:
+        first = found()
+        is_los = (first < 0) | (first == lines.own)
+        frame = np.asarray(frames, dtype=np.int64)[lines.batch_index]
+        return LineOfSight(frame, lines.agent, lines.actor, is_los, np.where(is_los, -1, first).astype(np.int32))
+
+    return wait
 
 
 @dataclass(frozen=True)
 class _Lines:
-    """The lines of sight of an antenna in each frame, M of them, whoever is there; the scene has V actors."""
+    """The lines of sight of an antenna in some frames, L of them."""
 
+    batch_index: np.ndarray
+    """Place of the frame among the frames, shape [L]."""
     agent: np.ndarray
-    """Actor index of the agent, shape [M], int32."""
+    """Actor index of the agent, shape [L], int32."""
     actor: np.ndarray
-    """Actor index of the other one, shape [M], int32."""
+    """Actor index of the other one, shape [L], int32."""
+    end: np.ndarray
+    """Actors at the ends of the lines: those of `agent`, then of `actor`, shape [2 L]."""
     place: np.ndarray
-    """Position of the antenna on each actor, its frame [m], shape [V, 3]."""
-    middle: np.ndarray
-    """Middle of the box of each actor, its frame [m], shape [V, 3]."""
+    """Ends in the frames of these: places of antennas, then middles of boxes [m], shape [2 L, 3]."""
+    ignore: np.ndarray
+    """Instance of the agent, -1 for none, shape [L], int32."""
+    own: np.ndarray
+    """Object id of the other actor, shape [L], int32."""
 
 
-@remembered(owners=2)
-def _lines(actors: tuple[Actor, ...], antenna: AntennaConfig) -> _Lines:
+@remembered(owners=3)
+def _lines(actors: tuple[Actor, ...], antenna: AntennaConfig, instance_actor: np.ndarray, is_here: bytes) -> _Lines:
+    """Return the lines of frames in which some actors are present, [F, V], bool, as bytes."""
     names = [actor.identity for actor in actors]
     agents = np.array([i for i, name in enumerate(names) if antenna.is_on(*name)], dtype=np.int32)
-    agent, actor = (grid.ravel() for grid in np.meshgrid(agents, boxed_actors(actors), indexing="ij"))
-    others = agent != actor
+    all_agents, all_actors = (grid.ravel() for grid in np.meshgrid(agents, boxed_actors(actors), indexing="ij"))
+    others = all_agents != all_actors
+    all_agents, all_actors = all_agents[others], all_actors[others]
+    present = np.frombuffer(is_here, dtype=bool).reshape(-1, len(actors))
+    batch_index, line = np.nonzero(present[:, all_agents] & present[:, all_actors])
+    agent, actor = all_agents[line], all_actors[line]
     place = np.array([antenna.mount_on(*name).position_m for name in names]).reshape(-1, 3)
-    middle = np.array([actor.center for actor in actors]).reshape(-1, 3)
-    return _Lines(agent[others], actor[others], place, middle)
+    middle = np.array([one.center for one in actors]).reshape(-1, 3)
+    instance_of = np.full(len(actors), -1, dtype=np.int32)
+    instance_of[instance_actor] = np.arange(len(instance_actor))
+    return _Lines(
+        batch_index, agent, actor, np.concatenate([agent, actor]), np.concatenate([place[agent], middle[actor]]),
+        instance_of[agent], object_ids(actors)[actor],
+    )  # fmt: skip
 
 
-def trace_line_of_sight(
+def start_lines(
     scene: DeviceScene, batch_index: np.ndarray, start: np.ndarray, end: np.ndarray, ignore: np.ndarray
-) -> np.ndarray:
-    """Return the first object on each line, -1 for a free one, shape [L], int32.
+) -> Callable[[], np.ndarray]:
+    """Trace the first object on each line.
 
     Args:
         scene: Town and vehicles, with a batch loaded.
@@ -137,6 +159,9 @@ def trace_line_of_sight(
         start: World frame [m], shape [L, 3].
         end: World frame [m], shape [L, 3].
         ignore: Instance that each line passes through, -1 for none, shape [L].
+
+    Returns:
+        Waits for the device and returns the objects, -1 for a free line, shape [L], int32; to be called once.
     """
     count, room = len(batch_index), padded_count(len(batch_index))
     numbers, ends = ((room,), wp.int32), ((room,), wp.vec3)
@@ -145,13 +170,11 @@ def trace_line_of_sight(
     frames[:count], passed[:count] = batch_index, ignore
     starts[:count], stops[:count] = start - scene.origin, end - scene.origin
     *inputs, out = block.upload()
-    wp.launch(
-        sight.line_of_sight_kernel, count, [scene.struct, *inputs], [out], device=scene.device, block_dim=BLOCK_DIM
-    )
-    found = block.download()[-1][:count].copy()
-    block.release()
-    return found
+    launch_again(sight.line_of_sight_kernel, (count,), [scene.struct, *inputs, out], scene.device, BLOCK_DIM)
 
+    def wait() -> np.ndarray:
+        found = block.download()[-1][:count].copy()
+        block.release()
+        return found
 
-def _unit(pose: np.ndarray) -> np.ndarray:
-    return make_pose(pose[:, :3], normalize(pose[:, 3:]))
+    return wait

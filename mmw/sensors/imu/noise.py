@@ -22,34 +22,51 @@ Source: IEEE Std 952-1997, appendix C; noise model of J. Rehder et al., "Extendi
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mmw.core.constants import FRAME_DT, FRAME_RATE_HZ
 from mmw.core.frame_rate import instants
-from mmw.core.random_keys import random_keys
 from mmw.core.random_series import gauss_markov, random_walk, white_series
+from mmw.core.remember import remembered
 from mmw.core.transforms import quaternion_exp, quaternion_to_matrix
 from mmw.sensors.imu.config import Imu
+from mmw.sensors.mounted_motion import series_keys
 
 
-@dataclass(frozen=True)
-class ImuErrors:
-    """Errors of A agents in F frames; the first axis is accelerometer [m/s^2], gyroscope [rad/s]."""
-
-    noise: np.ndarray
-    """White noise, shape [2, A, F, 3]."""
-    bias: np.ndarray
-    """Bias, constant parts included, shape [2, A, F, 3]."""
-    distortion: np.ndarray
-    """Scale and alignment: true to read axes, shape [2, A, 3, 3]."""
+def noise_std(config: Imu, rate_hz: int = FRAME_RATE_HZ) -> tuple[float, float]:
+    """Return the standard deviations of white noise of accelerometer [m/s^2] and gyroscope [rad/s]."""
+    if config.mode == "carla":
+        return config.accel_noise_std, config.gyro_noise_std
+    root = float(np.sqrt(config.interval_s(rate_hz)))
+    return config.accel_noise_density / root, config.gyro_noise_density / root
 
 
-def imu_errors(
-    config: Imu, frames: Sequence[int], seed: int, scenario: str, agents: Sequence[str], rate_hz: int = FRAME_RATE_HZ
-) -> ImuErrors:
-    """Return the errors of one sensor on several agents, the same whichever frames are asked for.
+@remembered()
+def distortion(config: Imu, seed: int, scenario: str, agents: tuple[str, ...]) -> np.ndarray:
+    """Return scale and alignment of accelerometer and gyroscope of each agent: true to read axes, shape [A, 2, 3, 3].
+
+    Args:
+        config: The sensor.
+        seed: Seed of the configuration.
+        scenario: Name of the scenario.
+        agents: Names of the agents, A of them.
+    """
+    if config.mode == "carla":
+        return np.zeros((len(agents), 2, 3, 3)) + np.eye(3)
+    _, scale, turn = _constants(config, seed, scenario, agents)
+    spread = np.array([config.accel_scale_std, config.gyro_scale_std])[:, None]
+    tilt = quaternion_to_matrix(quaternion_exp(np.radians(config.misalignment_std_deg) * turn))
+    return (1.0 + spread * scale)[..., None] * tilt
+
+
+def biases(
+    config: Imu, frames: Sequence[int] | np.ndarray, seed: int, scenario: str, agents: tuple[str, ...],
+    rate_hz: int = FRAME_RATE_HZ,
+) -> np.ndarray:  # fmt: skip
+    """Return the bias of accelerometer [m/s^2] and gyroscope [rad/s], constant parts included, shape [A, F, 2, 3].
+
+    It is the same whichever frames are asked for.
 
     Args:
         config: The sensor.
@@ -62,32 +79,28 @@ def imu_errors(
     Raises:
         ValueError: If a frame is negative or beyond 2^31 - 1.
     """
-
-    def keys(stream: str) -> np.ndarray:
-        return random_keys((seed, scenario, agent, config.name, stream) for agent in agents)
-
-    def pair(accel: float, gyro: float) -> np.ndarray:
-        return np.array([accel, gyro]).reshape(2, 1, 1, 1)
-
-    def triads(series: np.ndarray) -> np.ndarray:  # [A, F, 6] to [2, A, F, 3]
-        return series.reshape(*series.shape[:2], 2, 3).transpose(2, 0, 1, 3)
-
-    base, parts = instants(frames, rate_hz)
-    white = triads(white_series(keys("white"), base, 6, parts))
-    constant = np.zeros(white.shape) + pair(0.0, config.gyro_bias)
+    constant = np.array([0.0, config.gyro_bias])[:, None] + np.zeros((len(agents), len(frames), 2, 3))
     if config.mode == "carla":
-        perfect = np.zeros((2, len(agents), 3, 3)) + np.eye(3)
-        return ImuErrors(pair(config.accel_noise_std, config.gyro_noise_std) * white, constant, perfect)
-    noise = pair(config.accel_noise_density, config.gyro_noise_density) / np.sqrt(config.interval_s(rate_hz)) * white
-    walk = pair(config.accel_random_walk, config.gyro_random_walk)
+        return constant
+    base, parts = instants(frames, rate_hz)
+    keys = series_keys(config, seed, scenario, agents, "bias")
+    walk = np.array([config.accel_random_walk, config.gyro_random_walk])[:, None]
     if config.bias_correlation_s is None:
-        wander = walk * np.sqrt(FRAME_DT) * triads(random_walk(keys("bias"), base, 6, parts))
+        wander = walk * np.sqrt(FRAME_DT) * _triads(random_walk(keys, base, 6, parts))
     else:
-        series = gauss_markov(keys("bias"), base, 6, config.bias_correlation_s / FRAME_DT, parts)
-        wander = walk * np.sqrt(0.5 * config.bias_correlation_s) * triads(series)
-    drawn = white_series(keys("constants"), [0], 18)
-    turn_on, scale, turn = (triads(part) for part in np.split(drawn, 3, axis=-1))
-    bias = constant + pair(config.accel_turn_on_std, config.gyro_turn_on_std) * turn_on + wander
-    stretch = (1.0 + pair(config.accel_scale_std, config.gyro_scale_std) * scale)[:, :, 0, :, None]
-    tilt = quaternion_to_matrix(quaternion_exp(np.radians(config.misalignment_std_deg) * turn[:, :, 0]))
-    return ImuErrors(noise, bias, stretch * tilt)
+        series = gauss_markov(keys, base, 6, config.bias_correlation_s / FRAME_DT, parts)
+        wander = walk * np.sqrt(0.5 * config.bias_correlation_s) * _triads(series)
+    turn_on = _constants(config, seed, scenario, agents)[0][:, None]
+    return constant + np.array([config.accel_turn_on_std, config.gyro_turn_on_std])[:, None] * turn_on + wander
+
+
+@remembered()
+def _constants(config: Imu, seed: int, scenario: str, agents: tuple[str, ...]) -> np.ndarray:
+    """Return what is drawn once for each agent: bias, scale and turn of standard deviation 1, shape [3, A, 2, 3]."""
+    drawn = white_series(series_keys(config, seed, scenario, agents, "constants"), [0], 18)[:, 0]
+    return _triads(drawn.reshape(-1, 3, 6)).swapaxes(0, 1)
+
+
+def _triads(series: np.ndarray) -> np.ndarray:
+    """Return numbers of accelerometer and gyroscope, shape [..., 6], as [..., 2, 3]."""
+    return series.reshape(*series.shape[:-1], 2, 3)

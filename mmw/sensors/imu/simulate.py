@@ -24,24 +24,28 @@ Source: sign and frame as CARLA 0.9.15 `sensor.other.imu`, in a right-handed fra
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from mmw.core.constants import FRAME_DT, GRAVITY
-from mmw.core.geodesy import sensor_heading
-from mmw.core.kinematics import Motion, differentiate
-from mmw.core.transforms import compose, conjugate, multiply, normalize, quaternion_exp, rotate
+from mmw.core.remember import remembered
+from mmw.core.transforms import multiply, normalize, quaternion_exp, rotate
+from mmw.kernels.navigation import imu as kernels
 from mmw.scene.scene_data import SceneData
-from mmw.scene.views import Views, frame_rows
+from mmw.scene.views import Views
 from mmw.sensors.imu.config import Imu
-from mmw.sensors.imu.noise import imu_errors
-from mmw.sensors.mounted_motion import mounted_motion, view_grid
+from mmw.sensors.imu.noise import biases, distortion, noise_std
+from mmw.sensors.mounted_motion import agent_names, mounted_samples, mounted_sensors, sampled, view_grid
 from mmw.sensors.samples import Samples
 from mmw.sensors.sensor_input import SensorInput
 
 GRAVITY_W = np.array([0.0, 0.0, GRAVITY])
 """Specific force at rest, world frame [m/s^2]."""
 
-LEFT_HANDED = np.array([[1.0, -1.0, 1.0], [-1.0, 1.0, -1.0]])
-"""Factors of a force and of a rate from y left to y right: mirrored polar and axial vectors. Its own inverse."""
+COLUMNS = 19
+"""Numbers of a sample of the kernel: the six vectors of `ImuSample` in their order, and the compass."""
+
+PERFECT = Imu(gyro_bias=0.0)
+"""A sensor whose biases are zero."""
 
 
 @dataclass(frozen=True)
@@ -78,25 +82,43 @@ def make_imu(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
+    lag = config.accel_lag_frames * arrays.pose_stride
+    model = _model(config, arrays.rate_hz, lag)
+    errors = _errors(arrays, views, config, seed, scenario)
+    values = mounted_samples(
+        kernels.imu_kernel, arrays, views, config, (seed, scenario), [*errors, model], COLUMNS, lag
+    )
+    return ImuSample(*(values[at : at + 3].T for at in range(0, COLUMNS - 1, 3)), compass=values[-1])
+
+
+def _errors(arrays: SceneData, views: Views, config: Imu, seed: int, scenario: str) -> tuple[wp.array, wp.array]:
+    """Return scale and alignment, and bias, of each view or of all: arguments of the kernel."""
+    if config.mode == "carla":
+        return _carla_errors(config)
     grid = view_grid(views)
-    rows, lag = frame_rows(arrays, grid.frames), config.accel_lag_frames * arrays.pose_stride
-    moved = mounted_motion(arrays, config, grid.actors, rows, lag)
-    true = _by_agent(_readings(moved.pose, moved.motion), moved.at)
-    late = _by_agent(_readings(moved.pose, moved.motion, lag), moved.at) if lag else true
-    compass = sensor_heading(moved.pose[moved.at, :, 3:]).T
-    if config.handedness == "left":
-        true, late = (values * LEFT_HANDED[:, None, None] for values in (true, late))
-    agents = [arrays.actors[index].name for index in grid.actors.tolist()]
-    errors = imu_errors(config, grid.frames, seed, scenario, agents, arrays.rate_hz)
-    distorted = np.sum(errors.distortion[:, :, None] * late[..., None, :], axis=-1)
-    read = distorted + errors.bias + errors.noise
-    samples = (values[:, *grid.place] for values in (read, true, errors.bias))
-    return ImuSample(*(triad for pair in samples for triad in pair), compass[grid.place])
+    agents, place = agent_names(arrays, grid.actors), grid.place
+    bias = biases(config, grid.frames, seed, scenario, agents, arrays.rate_hz)[place]
+    return (
+        wp.array(distortion(config, seed, scenario, agents)[place[0]], dtype=wp.mat33d, device="cpu"),
+        wp.array(bias, dtype=wp.vec3d, device="cpu"),
+    )
 
 
-def _by_agent(readings: tuple[np.ndarray, np.ndarray], at: np.ndarray) -> np.ndarray:
-    """Return some rows of readings [P, A, 3] as force and rate of each agent, shape [2, A, F, 3]."""
-    return np.stack([values[at] for values in readings]).swapaxes(1, 2)
+@remembered()
+def _carla_errors(config: Imu) -> tuple[wp.array, wp.array]:
+    """Return `_errors` of mode `carla`, the same for all views."""
+    return (
+        wp.array(distortion(config, 0, "", ("",)), dtype=wp.mat33d, device="cpu"),
+        wp.array(biases(config, [0], 0, "", ("",))[0], dtype=wp.vec3d, device="cpu"),
+    )
+
+
+@remembered()
+def _model(config: Imu, rate_hz: int, lag: int) -> kernels.ImuModel:
+    model = kernels.ImuModel()
+    model.accel_std, model.gyro_std = noise_std(config, rate_hz)
+    model.gravity, model.lag, model.is_left_handed = GRAVITY, lag, config.handedness == "left"
+    return model
 
 
 def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -112,21 +134,15 @@ def measure(poses: np.ndarray, mount: np.ndarray, dt: float = FRAME_DT, lag: int
         Specific force [m/s^2] and angular rate [rad/s] in the sensor frame (y left), shape [F, 3] each; NaN where
         absent.
     """
-    sensor = compose(np.concatenate([poses[..., :3], normalize(poses[..., 3:])], axis=-1), mount)
-    return _readings(sensor, differentiate(sensor, dt), lag)
-
-
-def _readings(sensor: np.ndarray, motion: Motion, lag: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `measure` does, of the poses of the sensor [F, ..., 7] and their derivatives."""
-    acceleration = motion.acceleration
-    if lag:
-        is_there = np.asarray(np.isfinite(sensor).all(axis=-1))
-        is_central, is_late = np.zeros_like(is_there), np.zeros_like(is_there)
-        is_central[1:-1] = is_there[:-2] & is_there[1:-1] & is_there[2:]
-        is_late[lag:] = is_there[lag:] & is_central[:-lag]
-        before = np.concatenate([acceleration[:lag], acceleration[:-lag]])
-        acceleration = np.where(is_late[..., None], before, acceleration)
-    return rotate(conjugate(sensor[..., 3:]), acceleration + GRAVITY_W), motion.body_rate
+    count = len(poses)
+    mounted = mounted_sensors(np.zeros(count), np.tile(mount, (count, 1)), np.zeros((count, 2), dtype=np.uint32), dt)
+    model = kernels.ImuModel()
+    model.gravity, model.lag = GRAVITY, lag
+    errors, rows = _carla_errors(PERFECT), np.arange(count)
+    values = sampled(
+        kernels.imu_kernel, poses[:, None], rows, (rows, 0 * rows), mounted, [*errors, model], COLUMNS, lag
+    )
+    return values[:3].T, values[3:6].T
 
 
 def integrate_imu(

@@ -12,7 +12,6 @@ from mmw.core.geodesy import (
     SEMI_MAJOR_AXIS,
     ecef_from_geodetic,
     geodetic_from_ecef,
-    heading_from_north,
     mercator_from_world,
     wgs84_from_world,
     world_from_mercator,
@@ -162,10 +161,12 @@ def test_bad_latitudes_are_refused() -> None:
         world_from_mercator((np.nan, 8.0, 0.0), (49.0, 8.0, 0.0))
 
 
-def test_heading_from_north() -> None:
-    vectors = [(0, 1, 0), (1, 0, 5), (0, -1, 0), (-1, 0, 0), (-1e-17, 1, 0), (0, 0, 1)]
-    np.testing.assert_allclose(heading_from_north(vectors), np.array([0, 0.5, 1, 1.5, 0, 0]) * np.pi)
-    assert heading_from_north((-1e-9, 1.0, 0.0)) < 2 * np.pi
+@pytest.mark.parametrize("yaw_deg", [0.0, 90.0, -179.0, 45.0, 90.0 + 1e-7])
+def test_heading_is_clockwise_from_north(yaw_deg: float) -> None:
+    config = Gnss(heading_noise_std_deg=0.0)
+    heading = gnss_samples(driving(still(3, np.radians(yaw_deg))), [1], config, 1, "s").heading
+    np.testing.assert_allclose(heading, np.mod(np.radians(90.0 - yaw_deg), 2 * np.pi), atol=1e-14)
+    assert 0.0 <= heading[0] < 2 * np.pi
 
 
 @pytest.mark.parametrize("mode", ["carla", "physical"])

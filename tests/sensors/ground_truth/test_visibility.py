@@ -5,7 +5,7 @@ import numpy as np
 from mmw.core.transforms import transform_points
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views
-from mmw.sensors.ground_truth.visibility import boxed_actors, trace_line_of_sight, trace_sight
+from mmw.sensors.ground_truth.visibility import boxed_actors, start_lines, start_sight
 from mmw.sensors.ground_truth.visibility_rows import point_rows, sight_rows, visible_rows
 from mmw.storage.arrow_tables import table_from_columns
 from tests.fixtures.antennas import antenna_at
@@ -30,7 +30,7 @@ def test_lines_in_triangle_soup_equal_brute_force(device: str) -> None:
     rng = np.random.default_rng(1)
     start, end = rng.uniform(-25, 25, (2, 200, 3))
     batch_index = rng.integers(0, 2, 200)
-    found = trace_line_of_sight(loaded(arrays, device), batch_index, start, end, np.full(200, -1))
+    found = start_lines(loaded(arrays, device), batch_index, start, end, np.full(200, -1))()
     way = end - start
     length = np.linalg.norm(way, axis=1)
     different = 0
@@ -54,7 +54,7 @@ def test_a_truck_and_a_house_stand_between(device: str) -> None:
     arrays = arrays_from_parts([ground_part(80.0), house], models, actors, np.array([places]))
     names = {actor.object_id: actor.name for actor in arrays.actors}
     names |= {o.object_id: o.prim_path for o in arrays.objects if not o.actor}
-    sight = trace_sight(loaded(arrays, device), [0], ANTENNA)
+    sight = start_sight(loaded(arrays, device), [0], ANTENNA)()
     seen = {
         (arrays.actors[a].name, arrays.actors[b].name): (bool(los), names.get(int(blocker)))
         for a, b, los, blocker in zip(sight.agent, sight.actor, sight.is_los, sight.blocker, strict=True)
@@ -77,13 +77,13 @@ def test_the_own_roof_hides_nothing(device: str) -> None:
     models = (box_model("bus", (12.0, 2.5, 3.2), (0.0, 0.0, 1.6)), box_model("car"))
     poses = np.array([[pose(0, 0), pose(0, 3.5)]])
     arrays = arrays_from_parts([ground_part()], models, [("cav_1", "cav", 0), ("car", "vehicle", 1)], poses)
-    assert trace_sight(loaded(arrays, device), [0], antenna_at({"cav": (0.0, 0.0, 3.4)}, on=("cav",))[0]).is_los.all()
+    assert start_sight(loaded(arrays, device), [0], antenna_at({"cav": (0.0, 0.0, 3.4)}, on=("cav",))[0])().is_los.all()
 
 
 def test_rows_say_who_sees_what(device: str) -> None:
     arrays = two_cars(3)
     arrays.poses[1, 1] = ABSENT
-    sight = trace_sight(loaded(arrays, device), list(arrays.frames), ANTENNA)
+    sight = start_sight(loaded(arrays, device), list(arrays.frames), ANTENNA)()
     fixed = {"scenario": "s", "weather": "sunny"}
     table = table_from_columns("box_visibility", {**fixed, **sight_rows(arrays, "antenna", sight)})
     # cav_1 looks at veh_001; the unit looks at both; veh_001 is away in frame 1.
@@ -108,12 +108,12 @@ def test_rows_say_who_sees_what(device: str) -> None:
 
 def test_batches_do_not_change_a_line(device: str) -> None:
     arrays = two_cars(4)
-    whole = trace_sight(loaded(arrays, device), [0, 1, 2, 3], ANTENNA)
+    whole = start_sight(loaded(arrays, device), [0, 1, 2, 3], ANTENNA)()
     scene = DeviceScene(arrays, device, 1)
     parts = []
     for frame in range(4):
         scene.load_batch([frame])
-        parts.append(trace_sight(scene, [frame], ANTENNA))
+        parts.append(start_sight(scene, [frame], ANTENNA)())
     for name in ("frame", "agent", "actor", "is_los", "blocker"):
         np.testing.assert_array_equal(np.concatenate([getattr(part, name) for part in parts]), getattr(whole, name))
 
@@ -124,5 +124,5 @@ def test_middle_of_the_box_is_the_target() -> None:
     scene = loaded(arrays, "cpu")
     target = transform_points(arrays.poses[0, 1], np.array(arrays.actors[1].center))
     start = target + np.array([8.0, 0.0, 0.5])
-    first = trace_line_of_sight(scene, np.zeros(1, int), start[None], target[None], np.array([-1]))
+    first = start_lines(scene, np.zeros(1, int), start[None], target[None], np.array([-1]))()
     assert first.tolist() == [arrays.actors[1].object_id]

@@ -22,9 +22,9 @@ from mmw.core.transforms import (
     rotate,
 )
 from mmw.sensors import Imu
-from mmw.sensors.imu.noise import imu_errors
 from mmw.sensors.imu.simulate import integrate_imu, make_imu, measure
 from tests.fixtures.driving_agents import assert_batches_do_not_matter, driving, rows_of, sampled
+from tests.fixtures.imu_errors import imu_errors
 from tests.fixtures.scenes import ABSENT, two_cars
 
 G = np.array([0.0, 0.0, GRAVITY])

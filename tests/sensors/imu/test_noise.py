@@ -7,8 +7,8 @@ import pytest
 
 from mmw.core.constants import FRAME_DT
 from mmw.sensors import Imu
-from mmw.sensors.imu.noise import imu_errors
 from tests.fixtures.driving_agents import assert_white
+from tests.fixtures.imu_errors import imu_errors
 
 HOUR = 360_000
 PHYSICAL = Imu(mode="physical")
