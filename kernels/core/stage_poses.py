@@ -61,9 +61,17 @@ def orient_matrix(q: wp.vec4d) -> wp.mat33d:
 
 
 @wp.func
-def attitude_system(rows: wp.mat33d) -> wp.mat44d:
-    """Return the symmetric matrix of which the eigenvector of the largest eigenvalue is the attitude, see
-    `mmw.core.transforms.quaternion_from_matrix`; the rows of a matrix are made orthonormal in their order first."""
+def product(a: wp.vec4d, b: wp.vec4d) -> wp.float64:
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+@wp.func
+def attitude_of(rows: wp.mat33d) -> wp.vec4d:
+    """Return the attitude of a matrix of row vectors that are made orthonormal in their order, as `actor_poses` does.
+
+    It has the bits of `mmw.core.transforms.quaternion_from_matrix`.
+    """
     length = wp.sqrt(rows[0, 0] * rows[0, 0] + rows[0, 1] * rows[0, 1] + rows[0, 2] * rows[0, 2])
     along = rows[0, 0] * rows[1, 0] + rows[0, 1] * rows[1, 1] + rows[0, 2] * rows[1, 2]
     along = along / (length * length)
@@ -81,7 +89,7 @@ def attitude_system(rows: wp.mat33d) -> wp.mat44d:
     zy = xz * yx - xx * yz
     zz = xx * yy - xy * yx
     trace = xx + yy + zz
-    return wp.mat44d(
+    system = wp.mat44d(
         xx + xx - trace,
         yx + xy,
         zx + xz,
@@ -99,12 +107,17 @@ def attitude_system(rows: wp.mat33d) -> wp.mat44d:
         xy - yx,
         trace,
     )
-
-
-@wp.func
-def product(a: wp.vec4d, b: wp.vec4d) -> wp.float64:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+    longest = wp.int32(0)
+    for column in range(1, 4):
+        if system[column, column] > system[longest, longest]:
+            longest = column
+    q = wp.vec4d(system[0, longest], system[1, longest], system[2, longest], system[3, longest])
+    q[longest] = q[longest] + wp.float64(1.0)
+    size = wp.sqrt(product(q, q))
+    q = wp.vec4d(q[0] / size, q[1] / size, q[2] / size, q[3] / size)
+    if q[3] < wp.float64(0.0):
+        q = -q
+    return q
 
 
 @wp.kernel
@@ -119,30 +132,19 @@ def orient_kernel(
 
 
 @wp.kernel
-def system_kernel(
-    matrix: wp.array2d[wp.mat33d],
-    # out
-    system_out: wp.array2d[wp.mat44d],
-):
-    """Make the systems of matrices. Launch: dim=(rows, V)."""
-    row, body = wp.tid()
-    system_out[row, body] = attitude_system(matrix[row, body])
-
-
-@wp.kernel
 def written_kernel(
     poses: wp.array3d[wp.float64],
     before: wp.array[wp.vec4d],
     skipped: int,
-    with_systems: bool,
+    with_matrices: bool,
     # out
     written_out: wp.array2d[wp.vec4d],
-    system_out: wp.array2d[wp.mat44d],
+    matrix_out: wp.array2d[wp.mat33d],
 ):
     """Write the quaternions of rows as a stage has them, those of the row before where absent.
 
     Poses have shape [R, V, 7], NaN where absent; `before` are the quaternions of the row before the first, NaN for
-    none. Systems are those of the rows after the first `skipped`; absent bodies have some. Launch: dim=V.
+    none. Matrices are those of the rows after the first `skipped`; absent bodies have some. Launch: dim=V.
     """
     body = wp.tid()
     last = before[body]
@@ -155,18 +157,15 @@ def written_kernel(
                 q = -q
             last = q
         written_out[row, body] = last
-        if with_systems and row >= skipped:
-            turn = last
-            if wp.isnan(turn[0]):
-                turn = wp.vec4d(wp.float64(0.0), wp.float64(0.0), wp.float64(0.0), wp.float64(1.0))
-            system_out[row - skipped, body] = attitude_system(orient_matrix(turn))
+        if with_matrices and row >= skipped:
+            matrix_out[row - skipped, body] = orient_matrix(last)
 
 
 @wp.kernel
 def read_kernel(
     poses: wp.array3d[wp.float64],
     written: wp.array2d[wp.vec4d],
-    attitude: wp.array2d[wp.vec4d],
+    matrix: wp.array2d[wp.mat33d],
     skipped: int,
     read_before: wp.array[wp.vec4d],
     side_before: wp.array[wp.float64],
@@ -177,24 +176,21 @@ def read_kernel(
 ):
     """Read poses of rows as a stage has them: attitudes with the signs that a reader gives them. NaN where absent.
 
-    `poses` and `written` are those of `written_kernel`. `attitude` has unit quaternions of the rows after the first
-    `skipped` with any sign. `read_before` are the quaternions of the row before, NaN where absent; `side_before` is 1
-    where the reader's sign was that of the writer when the body was there last, -1 where it was not, NaN where it has
-    not been there. Launch: dim=V.
+    `poses`, `written` and `matrix` are those of `written_kernel`. `read_before` are the quaternions of the row before,
+    NaN where absent; `side_before` is 1 where the reader's sign was that of the writer when the body was there last, -1
+    where it was not, NaN where it has not been there. Launch: dim=V.
     """
     body = wp.tid()
     none = wp.float64(wp.nan)
     last = read_before[body]
     side = side_before[body]
-    for index in range(attitude.shape[0]):
+    for index in range(matrix.shape[0]):
         row = skipped + index
         for axis in range(3):
             poses_out[index, body, axis] = poses[row, body, axis]
         q = wp.vec4d(none, none, none, none)
         if not wp.isnan(poses[row, body, 3]):
-            q = attitude[index, body]
-            if q[3] < wp.float64(0.0):
-                q = -q
+            q = attitude_of(matrix[index, body])
             if product(q, last) < wp.float64(0.0):
                 q = -q
             own = wp.float64(1.0)

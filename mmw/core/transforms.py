@@ -147,10 +147,11 @@ def quaternion_to_matrix(q: ArrayLike) -> np.ndarray:
 def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:
     """Return unit quaternions with w >= 0 of rotation matrices [..., 3, 3], shape [..., 4].
 
-    The quaternion is the eigenvector of the largest eigenvalue of a symmetric matrix made of R, so it is well
+    K + I = 4 q q^T, with K made of R, so that each of its columns is along q; the longest one is taken, so it is well
     conditioned for every angle.
 
-    Source: I. Y. Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", J. Guidance 23 (2000).
+    Source: I. Y. Bar-Itzhack, "New method for extracting the quaternion from a rotation matrix", J. Guidance 23 (2000),
+    for K; S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance 1 (1978), for the choice.
     """
     m = np.asarray(matrix, dtype=np.float64)
     k = np.empty((*m.shape[:-2], 4, 4))
@@ -161,7 +162,9 @@ def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:
         j, h = (i + 1) % 3, (i + 2) % 3
         k[..., 3, i] = k[..., i, 3] = m[..., h, j] - m[..., j, h]
     k[..., 3, 3] = trace
-    q = np.linalg.eigh(k)[1][..., :, -1]
+    longest = np.argmax(np.diagonal(k, axis1=-2, axis2=-1), axis=-1)[..., None]
+    column = np.take_along_axis(k, longest[..., None], axis=-1)[..., 0] + (np.arange(4) == longest)
+    q = column / length(column)
     return np.where(q[..., 3:] < 0.0, -q, q)
 
 

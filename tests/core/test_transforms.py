@@ -69,6 +69,22 @@ def test_matrix_comes_back_also_at_half_turns() -> None:
     np.testing.assert_allclose(poses.quaternion_to_matrix(back), poses.quaternion_to_matrix(q), atol=1e-13)
 
 
+def test_quaternion_of_a_matrix_is_the_eigenvector() -> None:
+    """Of the largest eigenvalue of the matrix of Bar-Itzhack (2000), and small turns keep all their digits."""
+    q = random_quaternions(2000)
+    m = poses.quaternion_to_matrix(q)
+    k = np.empty((2000, 4, 4))
+    k[:, :3, :3] = m + m.swapaxes(1, 2) - np.trace(m, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    k[:, 3, :3] = k[:, :3, 3] = np.stack([m[:, 2, 1] - m[:, 1, 2], m[:, 0, 2] - m[:, 2, 0], m[:, 1, 0] - m[:, 0, 1]], 1)
+    k[:, 3, 3] = np.trace(m, axis1=1, axis2=2)
+    wanted = np.linalg.eigh(k)[1][:, :, -1]
+    found = poses.quaternion_from_matrix(m)
+    np.testing.assert_allclose(found, wanted * np.where(wanted[:, 3:] < 0.0, -1.0, 1.0), atol=3e-15)
+    small = poses.normalize(np.concatenate([1e-9 * random_quaternions(50)[:, :3], np.ones((50, 1))], axis=1))
+    back = poses.quaternion_from_matrix(poses.quaternion_to_matrix(small).reshape(5, 10, 3, 3))
+    np.testing.assert_allclose(back, small.reshape(5, 10, 4), rtol=1e-13)
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-14, 1e-8, 1e-3, 1.0, 3.0])
 def test_log_inverts_exp(angle: float) -> None:
     vector = angle * poses.normalize(np.random.default_rng(4).normal(size=(20, 3)))

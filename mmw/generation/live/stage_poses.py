@@ -8,7 +8,7 @@ import warp as wp
 
 from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.repeated_launch import launch_again
-from mmw.kernels.core.stage_poses import read_kernel, system_kernel, written_kernel
+from mmw.kernels.core.stage_poses import read_kernel, written_kernel
 from mmw.usd.orient_matrices import orient_matrices, rounds_as_usd
 
 
@@ -42,36 +42,27 @@ class StagePoses:
         skipped = min(skipped, rows)
         read, turns = rows - skipped, ((count,), wp.vec4d)
         block = borrow_arrays(
-            "cpu", (poses.shape, wp.float64), turns, ((rows, count), wp.vec4d), ((read, count), wp.mat44d),
-            ((read, count), wp.vec4d), turns, ((count,), wp.float64),
-            ((read, count, 7), wp.float64), turns, ((count,), wp.float64),
+            "cpu", (poses.shape, wp.float64), turns, ((rows, count), wp.vec4d), ((read, count), wp.mat33d), turns,
+            ((count,), wp.float64), ((read, count, 7), wp.float64), turns, ((count,), wp.float64),
         )  # fmt: skip
-        given, before, written, systems, attitudes, read_before, side_before, *found = block.host
+        given, before, written, matrices, read_before, side_before, *found = block.host
         given[...], before[...], read_before[...], side_before[...] = poses, self._written, self._read, self._side
-        known, first, turned, system, *others = block.arrays
+        known, first, turned, matrix, *others = block.arrays
         is_ours = rounds_as_usd()
-        launch_again(written_kernel, (count,), [known, first, skipped, is_ours, turned, system], "cpu")
+        launch_again(written_kernel, (count,), [known, first, skipped, is_ours, turned, matrix], "cpu")
         if not is_ours:
-            systems[...] = _systems(written[skipped:])
-        attitudes[...] = np.linalg.eigh(systems)[1][..., -1]
-        attitude, last, side, *out = others
-        launch_again(read_kernel, (count,), [known, turned, attitude, skipped, last, side, *out], "cpu")
+            matrices[...] = _matrices_by_usd(written[skipped:])
+        launch_again(read_kernel, (count,), [known, turned, matrix, skipped, *others], "cpu")
         self._written = written[-1].copy()
         made, self._read, self._side = (values.copy() for values in found)
         block.release()
         return made
 
 
-def _systems(written: np.ndarray) -> np.ndarray:
-    """Return the systems of `written_kernel` of quaternions [R, V, 4] by USD's own matrices, shape [R, V, 4, 4]."""
-    shape = written.shape[:2]
-    block = borrow_arrays("cpu", (shape, wp.mat33d), (shape, wp.mat44d))
+def _matrices_by_usd(written: np.ndarray) -> np.ndarray:
+    """Return the matrices of quaternions [R, V, 4], NaN where none was written yet, as USD makes them."""
     turns = np.where(np.isnan(written), [0.0, 0.0, 0.0, 1.0], written)
-    block.host[0][...] = orient_matrices(turns.reshape(-1, 4)).reshape(*shape, 3, 3)
-    launch_again(system_kernel, shape, block.arrays, "cpu")
-    found = block.host[1].copy()
-    block.release()
-    return found
+    return orient_matrices(turns.reshape(-1, 4)).reshape(*written.shape[:2], 3, 3)
 
 
 @dataclass(frozen=True)
