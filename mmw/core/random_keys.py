@@ -6,15 +6,26 @@ from collections.abc import Iterable
 import numpy as np
 
 
+def stream_name(*parts: str | int) -> str:
+    """Return the name of a stream from its parts, such as (seed, scenario, agent); a part may be such a name itself."""
+    return "\x1f".join(map(str, parts))
+
+
 def random_key(*parts: str | int) -> tuple[int, int]:
-    """Return the 64-bit key of a stream as two 32-bit words, from its name, such as (seed, scenario, agent).
+    """Return the 64-bit key of a stream as two 32-bit words, from the parts of its name.
 
     Source: BLAKE2b, RFC 7693.
     """
-    digest = hashlib.blake2b("\x1f".join(map(str, parts)).encode(), digest_size=8).digest()
-    return int.from_bytes(digest[:4], "little"), int.from_bytes(digest[4:], "little")
+    low, high = stream_keys([stream_name(*parts)])[0].tolist()
+    return low, high
 
 
 def random_keys(parts: Iterable[tuple[str | int, ...]]) -> np.ndarray:
     """Return the keys of several streams for `mmw.kernels.core.noise`, shape [N, 2], uint32."""
-    return np.array([random_key(*part) for part in parts], dtype=np.uint32).reshape(-1, 2)
+    return stream_keys([stream_name(*part) for part in parts])
+
+
+def stream_keys(names: Iterable[str]) -> np.ndarray:
+    """Return the keys of streams by their names (`stream_name`), shape [N, 2], uint32; see `random_key`."""
+    digests = [hashlib.blake2b(name.encode(), digest_size=8).digest() for name in names]
+    return np.frombuffer(b"".join(digests), dtype="<u4").reshape(-1, 2).astype(np.uint32)

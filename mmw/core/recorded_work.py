@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.packed_arrays import HostViews, Layout, PackedArrays, borrow_arrays, device_arrays, packed_block
-from mmw.core.transfer import scalar_type, to_host
+from mmw.core.transfer import HostCopy, scalar_type, to_host
 
 T = TypeVar("T")
 
@@ -89,24 +89,34 @@ class NewArrays:
         """Return a block of bytes, arrays that share it, and what finds them in a copy of it on the host."""
         return self._take(("packed", *layouts), lambda: packed_block(self.device, layouts))
 
+    def host_twin(self, block: wp.array) -> wp.array | None:
+        """Return memory of the host that launches may copy a block to; None where the host fetches it."""
+        return None
+
     def _take(self, what: Hashable, make: Callable[[], T]) -> T:
         return make()
 
 
 class GatheredArrays:
-    """Copy of some arrays in one block, which comes to the host in one piece.
+    """Copy of some arrays in one block, which comes to the host in one piece, see `Work.gathered`.
 
     Attributes:
         block: The block on the device.
+        twin: Page-locked memory on the host to which the launches copy the block; None where they do not.
+        source: Source of the arrays.
     """
 
     def __init__(self, arrays: NewArrays, parts: Sequence[wp.array]) -> None:
         """Copy arrays to a block from a source of arrays."""
         layouts = [(part.shape, part.dtype) for part in parts]
+        self.source = arrays
         self.block, places, self._views = arrays.packed(layouts)
         for part, place in zip(parts, places, strict=True):
             if part.size:
                 wp.copy(place, part)
+        self.twin = arrays.host_twin(self.block)
+        if self.twin is not None:
+            wp.copy(self.twin, self.block)
 
     def on_host(self, block: np.ndarray) -> list[np.ndarray]:
         """Return the arrays as parts of the block on the host."""
@@ -114,11 +124,16 @@ class GatheredArrays:
 
 
 class KeptArrays(NewArrays):
-    """Source of arrays that gives the same ones again, in the order of the first time, after each `rewind`."""
+    """Source of arrays that gives the same ones again, in the order of the first time, after each `rewind`.
+
+    Attributes:
+        done: End of the last launches that write the arrays, on CUDA.
+    """
 
     def __init__(self, device: str) -> None:
         """Hold nothing yet."""
         super().__init__(device)
+        self.done: wp.Event | None = None
         self._kept: list[tuple[Hashable, Any]] = []
         self._next = 0
 
@@ -130,6 +145,13 @@ class KeptArrays(NewArrays):
     def size(self) -> int:
         """Memory of all arrays [bytes]."""
         return sum(_bytes(value) for _, value in self._kept)
+
+    def host_twin(self, block: wp.array) -> wp.array | None:
+        """See `NewArrays.host_twin`; a GPU copies small results itself, so that the host only waits."""
+        if not wp.get_device(self.device).is_cuda:
+            return None
+        shape, kind = block.shape, block.dtype
+        return self._take(("twin", shape, kind), lambda: wp.empty(shape, dtype=kind, device="cpu", pinned=True))
 
     def _take(self, what: Hashable, make: Callable[[], T]) -> T:
         if self._next == len(self._kept):
@@ -183,6 +205,15 @@ class Work(ABC):
     def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
         """Return arrays of a result as NumPy arrays that outlive it, after a single wait."""
 
+    @abstractmethod
+    def host_copy(self, arrays: Sequence[wp.array]) -> HostCopy:
+        """Queue the copy of arrays of a result behind the launches, within the statement; `to_host` puts it off."""
+
+    def gathered(self, gathered: GatheredArrays) -> list[np.ndarray]:
+        """Return the arrays of a block that the launches gathered, as of `to_host`."""
+        (block,) = self.to_host([gathered.block])
+        return gathered.on_host(block)
+
 
 class DirectWork(Work):
     """Launches at once, on new arrays."""
@@ -199,6 +230,10 @@ class DirectWork(Work):
         """See `Work.to_host`."""
         return to_host(arrays)
 
+    def host_copy(self, arrays: Sequence[wp.array]) -> HostCopy:
+        """See `Work.host_copy`."""
+        return HostCopy(arrays)
+
 
 @dataclass
 class _Record:
@@ -208,8 +243,6 @@ class _Record:
     arrays: KeptArrays
     result: Any
     graph: wp.Graph | None = None
-    done: wp.Event | None = None
-    """End of the launches, on CUDA."""
     is_busy: bool = False
     """True while the statement of a call holds the result."""
 
@@ -244,8 +277,8 @@ class RecordedWork(Work):
         try:
             yield record.result
         finally:
-            if record.done is not None:  # over already where results were read
-                wp.synchronize_event(record.done)
+            if record.arrays.done is not None:  # over already where results were read
+                wp.synchronize_event(record.arrays.done)
             record.is_busy = False
 
     def _launched(self, key: Hashable, inputs: Sequence[Input], launch: Launch[Any]) -> _Record:
@@ -254,35 +287,44 @@ class RecordedWork(Work):
         while (record := self._records.get((key, layouts, number))) is not None and record.is_busy:
             number += 1
         if record is None:
-            block, arrays = PackedArrays(self.device, layouts), KeptArrays(self.device)
+            block, arrays = PackedArrays(self.device, layouts, is_pinned=True), KeptArrays(self.device)
             _write(block, inputs)
             record = _Record(block, arrays, launch(arrays, block.upload()))
             self._records[key, layouts, number] = record
             self._drop()
             if self._stream is not None:
-                record.done = wp.get_stream(self.device).record_event()
+                record.arrays.done = wp.get_stream(self.device).record_event()
+                self._stream.wait_event(record.arrays.done)  # copies to the host go into that stream
             return record
         self._records.move_to_end((key, layouts, number))
         _write(record.inputs, inputs)
         if record.graph is None:
             record.arrays.rewind()
             with wp.ScopedCapture(self.device, force_module_load=False) as capture:
-                record.result = launch(record.arrays, record.inputs.arrays)
+                record.result = launch(record.arrays, record.inputs.upload())
             record.graph = capture.graph
         if self._stream is not None:
             self._stream.wait_stream(wp.get_stream(self.device))
-        record.inputs.upload(self._stream)
         wp.capture_launch(record.graph, self._stream)
         if self._stream is not None:
-            record.done = self._stream.record_event(record.done)
+            record.arrays.done = self._stream.record_event(record.arrays.done)
         return record
 
     def to_host(self, arrays: Sequence[wp.array]) -> list[np.ndarray]:
         """See `Work.to_host`."""
-        if self._stream is None:
-            return [values.copy() for values in to_host(arrays)]
-        wp.get_stream(self.device).wait_stream(self._stream)
-        return to_host(arrays)
+        return self.host_copy(arrays).wait()
+
+    def host_copy(self, arrays: Sequence[wp.array]) -> HostCopy:
+        """See `Work.host_copy`."""
+        return HostCopy(arrays, self._stream, is_new=True)
+
+    def gathered(self, gathered: GatheredArrays) -> list[np.ndarray]:
+        """See `Work.gathered`."""
+        if gathered.twin is None:
+            return super().gathered(gathered)
+        assert isinstance(gathered.source, KeptArrays) and gathered.source.done is not None
+        wp.synchronize_event(gathered.source.done)
+        return gathered.on_host(gathered.twin.numpy().copy())
 
     def forget(self, key: Hashable, inputs: Sequence[Input]) -> None:
         """See `Work.forget`."""

@@ -26,20 +26,36 @@ _allocated = 0
 class HostCopy:
     """Asynchronous copy of device arrays to the host. They must not change before `wait`, whatever else is launched."""
 
-    def __init__(self, arrays: Sequence[wp.array]) -> None:
-        """Queue the copies after all work launched so far."""
-        self._arrays = arrays
+    def __init__(self, arrays: Sequence[wp.array], stream: wp.Stream | None = None, *, is_new: bool = False) -> None:
+        """Queue the copies.
+
+        Args:
+            arrays: Arrays of one device.
+            stream: Stream that the copies go into; None: they come after all work launched so far, in their own one.
+            is_new: Whether `wait` copies arrays of the CPU too, rather than share them.
+        """
+        self._arrays, self._is_new = arrays, is_new
         self._pinned: list[np.ndarray | None] = [None] * len(arrays)
         self._stream: wp.Stream | None = None
+        self._is_over = False
         if arrays and (device := wp.get_device(arrays[0].device)).is_cuda:
-            self._stream = _copy_stream(device.alias)
-            self._stream.wait_stream(wp.get_stream(device))
-            self._pinned = [_pinned(array, self._stream) for array in arrays]
+            if stream is None:
+                stream = _copy_stream(device.alias)
+                stream.wait_stream(wp.get_stream(device))
+            self._stream = stream
+            self._pinned = [_pinned(array, stream) for array in arrays]
+
+    def close(self) -> None:
+        """Wait where nobody has: the buffers are free then."""
+        if self._stream is not None and not self._is_over:
+            wp.synchronize_stream(self._stream)
+        self._is_over = True
 
     def wait(self) -> list[np.ndarray]:
         """Wait, and return the arrays; see `to_host`."""
-        if self._stream is not None:
-            wp.synchronize_stream(self._stream)
+        self.close()
+        if self._stream is None and self._is_new:
+            return [array.numpy().copy() for array in self._arrays]
         return [array.numpy() if view is None else view for array, view in zip(self._arrays, self._pinned, strict=True)]
 
 

@@ -54,7 +54,16 @@ def actor_texts(actors: tuple[Actor, ...], attribute: str) -> ActorTexts:
     return encoded_texts([getattr(actor, attribute) for actor in actors])
 
 
-def sample_columns(arrays: SceneData, sensor: str, frame: np.ndarray, actor: np.ndarray) -> Columns:
+SensorNames = str | pa.DictionaryArray
+"""Name of the sensor of all rows, or that of each."""
+
+
+def sensors_of(sensor: SensorNames, rows: np.ndarray) -> SensorNames:
+    """Return the names of the sensors of some rows."""
+    return sensor if isinstance(sensor, str) else sensor.take(pa.array(rows))
+
+
+def sample_columns(arrays: SceneData, sensor: SensorNames, frame: np.ndarray, actor: np.ndarray) -> Columns:
     """Return the columns that every table of a sensor has: frame, agent and sensor of each row."""
     return {"frame": frame.astype(np.int32), "agent": names(arrays, actor), "sensor": sensor}
 

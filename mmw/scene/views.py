@@ -14,7 +14,7 @@ from mmw.config import SensorConfig
 from mmw.config.agent_keys import Body
 from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
-from mmw.core.random_keys import random_keys
+from mmw.core.random_keys import stream_keys, stream_name
 from mmw.core.remember import remembered
 from mmw.core.transforms import cross, pose_from_mount
 from mmw.kernels.core import structs
@@ -171,7 +171,10 @@ def _due(arrays: SceneData, views: Views, sensor: SensorConfig) -> Views:
 
 
 class SensorViews:
-    """The views of several sensors in a batch of frames, `sample_views` of each; poses are composed in one go."""
+    """The views of several sensors in a batch of frames, `sample_views` of each; poses are composed in one go.
+
+    While the same agents are there, all but frames and poses of a sensor's views are the same arrays for every batch.
+    """
 
     def __init__(self, arrays: SceneData, frames: Sequence[int], sensors: tuple[SensorConfig, ...]):
         """Compose the poses of all sensors on all agents.
@@ -181,7 +184,7 @@ class SensorViews:
         """
         self._arrays, self._frames = arrays, np.asarray(frames, dtype=np.int64)
         self._carried = _all_carried(arrays.actors, sensors, arrays.sensing)
-        poses = arrays.poses[frame_rows(arrays, frames)][:, self._carried.actors]
+        poses = arrays.poses[frame_rows(arrays, frames)[:, None], self._carried.actors]
         self._pose, self._is_present = mounted_poses(poses, self._carried.mounts)
 
     def of(self, sensor: SensorConfig) -> Views:
@@ -189,8 +192,12 @@ class SensorViews:
         part = self._carried.parts.get(id(sensor))
         if part is None:
             return sample_views(self._arrays, self._frames.tolist(), sensor)
-        actors, pose, is_present = self._carried.actors[part], self._pose[:, part], self._is_present[:, part]
-        return _due(self._arrays, _views(self._frames, actors, pose, is_present), sensor)
+        is_present = self._is_present[:, part]
+        is_due = sensor.is_due(self._arrays.numbers(self._frames), self._arrays.rate_hz)
+        if not is_due.all():
+            is_present = is_present & is_due[:, None]
+        batch_index, place, actor, nobody = _rows_present(self._carried, part.start, is_present.tobytes(), len(is_due))
+        return Views(self._frames[batch_index], batch_index, actor, self._pose[batch_index, place], nobody)
 
 
 @dataclass(frozen=True)
@@ -218,15 +225,30 @@ def _all_carried(
     return _Carried(np.concatenate([np.zeros(0, np.int32), *carriers]), np.array(mounts).reshape(-1, 7), parts)
 
 
+@remembered(size=1024)
+def _rows_present(
+    carried: _Carried, first: int, is_present: bytes, frames: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return the rows of a sensor's views: place in the batch and of the carried sensor, agent, and no instance.
+
+    Args:
+        carried: Sensors on their agents.
+        first: The first of the sensor.
+        is_present: Which of its agents have a view in each frame, shape [frames, n], bool.
+        frames: Frames of the batch.
+    """
+    batch_index, place = np.nonzero(np.frombuffer(is_present, dtype=bool).reshape(frames, -1))
+    nobody = np.full(len(place), -1, dtype=np.int32)
+    return batch_index.astype(np.int32), place + first, carried.actors[place + first], nobody
+
+
 def frame_rows(arrays: SceneData, frames: Iterable[int] | np.ndarray) -> np.ndarray:
     """Return the rows of `SceneData.poses` that hold some frames, shape [F], int64.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    frames = np.asarray(frames, dtype=np.int64).tolist()
-    row = {frame: arrays.frame_row(frame) for frame in set(frames)}
-    return np.array([row[frame] for frame in frames], dtype=np.int64)
+    return arrays.frame_rows(frames if isinstance(frames, np.ndarray) else list(frames))
 
 
 def join_views(parts: Sequence[Views]) -> Views:
@@ -245,9 +267,14 @@ def view_keys(arrays: SceneData, views: Views, seed: int, *stream: str | int) ->
         stream: Other parts of the name of the stream: scenario, weather, sensor.
     """
     names = [arrays.actors[actor].name for actor in views.actor]
+    return instant_keys(arrays, views, seed, [stream_name(*stream, name) for name in names])
+
+
+def instant_keys(arrays: SceneData, views: Views, seed: int, streams: Sequence[str]) -> np.ndarray:
+    """Return what `view_keys` does, given the name of each view's stream between seed and instant (`stream_name`)."""
     instants = instant_names(arrays.numbers(views.frame), arrays.rate_hz)
-    named = zip(arrays.seeds(views.frame, seed), names, instants, strict=True)
-    return random_keys((own, *stream, name, instant) for own, name, instant in named)
+    named = zip(arrays.seeds(views.frame, seed), streams, instants, strict=True)
+    return stream_keys([stream_name(own, stream, instant) for own, stream, instant in named])
 
 
 def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 import numpy as np
 import warp as wp
 
-from mmw.core.random_keys import random_key, random_keys
+from mmw.core.random_keys import random_key, random_keys, stream_keys, stream_name
 from mmw.kernels.core import noise
 from tests.fixtures.kernels import launched
 
@@ -81,3 +81,11 @@ def test_keys_differ_by_every_part() -> None:
     assert keys.shape == (450, 2) and keys.dtype == np.uint32
     assert len({tuple(key) for key in keys}) == 450
     assert random_key("a", "bc") != random_key("ab", "c")
+
+
+def test_parts_of_a_name_may_be_joined_before() -> None:
+    parts = (42, "town", "sunny", "front", "cav_1", "12.3")
+    joined = stream_name(42, stream_name("town", "sunny"), stream_name("front", "cav_1", "12.3"))
+    np.testing.assert_array_equal(stream_keys([joined, joined]), random_keys([parts, parts]))
+    assert tuple(stream_keys([joined])[0].tolist()) == random_key(*parts)
+    assert stream_keys([]).shape == (0, 2) and stream_keys([]).dtype == np.uint32

@@ -45,7 +45,7 @@ def run(work: Work, values: np.ndarray, offset: float, launched: list[str], key:
 
     inputs = [(values, wp.float32), (np.array([[0.0, offset]]), wp.vec2)]
     with work.run(key, inputs, launch) as small:
-        return small.on_host(work.to_host([small.block])[0])
+        return work.gathered(small)
 
 
 def test_replayed_work_is_that_of_direct_work(device: str) -> None:
@@ -143,3 +143,20 @@ def test_work_that_fails_leaves_no_record(device: str) -> None:
     launched: list[str] = []
     run(work, np.zeros(37), 0.0, launched)
     assert launched == ["k"]
+
+
+def test_copies_are_queued_behind_the_launches_and_outlive_them(device: str) -> None:
+    def launch(arrays: NewArrays, inputs: list[wp.array]) -> wp.array:
+        out = arrays.empty(len(inputs[0]), float)
+        wp.copy(out, inputs[0])
+        return out
+
+    for work in (RecordedWork(device), DirectWork(device)):
+        seen = []
+        for step in range(4):
+            with work.run("k", [(np.full(9, step), wp.float32)], launch) as found:
+                copy = work.host_copy([found, found[2:5]])
+                seen.append(copy.wait())
+            work.host_copy([found]).close()  # a copy that nobody looks at
+        assert [[len(values) for values in pair] for pair in seen] == [[9, 3]] * 4
+        assert all((values == step).all() for step, pair in enumerate(seen) for values in pair)

@@ -107,3 +107,14 @@ def test_views_of_several_sensors_are_those_of_each() -> None:
             own, expected = getattr(found, field.name), getattr(wanted, field.name)
             np.testing.assert_array_equal(own, expected)
             assert own.dtype == expected.dtype
+
+
+def test_views_of_the_same_agents_share_what_stays() -> None:
+    arrays, sensors = two_cars(6), (Lidar(), Imu(), Lidar(name="slow", rate_hz=50.0))
+    arrays.poses[4, 0] = ABSENT
+    for sensor in sensors:
+        one, other, absent, late = (SensorViews(arrays, frames, sensors).of(sensor) for frames in ([0], [2], [4], [1]))
+        for name in ("actor", "batch_index", "ignore_instance"):
+            first = getattr(one, name)
+            assert first is getattr(other, name) and first is not getattr(absent, name)
+            assert (first is getattr(late, name)) == (sensor.name != "slow")

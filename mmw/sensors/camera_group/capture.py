@@ -2,13 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import partial
+
+import numpy as np
 
 from mmw.core.later import Later
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launch_images import StartedImages
-from mmw.sensors.camera_group.launches import Launch, make_launches, max_pixels
-from mmw.sensors.camera_group.objects import record_objects
+from mmw.sensors.camera_group.launches import KeptLaunches, Launch, max_pixels
+from mmw.sensors.camera_group.objects import record_boxes, record_segmentation
 from mmw.sensors.depth.capture import check_lists, record_depth
 from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.ground_truth.boxes_3d import make_boxes
@@ -27,16 +28,20 @@ def started_cameras(
     Raises:
         InputError: If a shard would hold more unrounded depths than a list column holds, or the scene more objects
             than an instance image.
+        ValueError: If the frames are not loaded.
     """
     check_lists(batch, [camera for camera in cameras if isinstance(camera, DepthCamera)])
-    boxes = Later(batch.pool, make_boxes, batch.arrays, frames, batch.motion)
-    launches, limit = make_launches(cameras, partial(batch.views, frames)), max_pixels(batch.scene.device)
-    pieces = [list(launch.pieces(limit)) for launch in launches]
+    if batch.scene.batch_frames != tuple(frames):
+        batch.scene.check_loaded("view", np.arange(len(frames)), np.asarray(frames))
+    kept: KeptLaunches = batch.cache.setdefault("launches of cameras", KeptLaunches())
+    parts = [batch.views(frames, camera) for camera in cameras]
+    pieces = kept.pieces(cameras, parts, max_pixels(batch.scene.device))
     with ExitStack() as stack:
         ahead: dict[int, StartedImages] = {}
         if batch.work.runs_beside:  # further pieces of a launch take the memory of its first one, after it
             ahead = {index: stack.enter_context(_start(batch, own[0], collected)) for index, own in enumerate(pieces)}
         yield
+        boxes = Later(batch.pool, make_boxes, batch.arrays, frames, batch.motion)
         for index, own in enumerate(pieces):
             for piece in own:
                 started = ahead.pop(index, None) or _start(batch, piece, collected)
@@ -44,9 +49,8 @@ def started_cameras(
 
 
 def _start(batch: Batch, launch: Launch, weathers: Iterable[str]) -> StartedImages:
-    keys = random_keys_of(batch, launch, weathers) if launch.rgb else {}
     with batch.clock.stage(launch.name, launch.pixels):
-        return StartedImages(batch, launch, keys)
+        return StartedImages(batch, launch, random_keys_of(batch, launch, weathers) if launch.rgb else {})
 
 
 def _record(batch: Batch, launch: Launch, started: StartedImages, boxes: Later, collected: TableRows) -> None:
@@ -54,11 +58,9 @@ def _record(batch: Batch, launch: Launch, started: StartedImages, boxes: Later, 
     with started:
         with batch.clock.stage(launch.name):
             images = started.wait()
-        for camera in launch.cameras:
-            if isinstance(camera.sensor, DepthCamera):
-                record_depth(batch, camera, launch.views_of(camera), images.depth[camera.sensor.range_m], collected)
-            if camera.sensor.segmentation or camera.sensor.boxes_2d:
-                record_objects(batch, camera, launch, images, boxes, collected)
+        record_depth(batch, launch, images, collected)
+        record_segmentation(batch, launch, images, collected)
+        record_boxes(batch, launch, images, boxes, collected)
         if launch.rgb:
             record_rgb(batch, launch, images, collected)
             record_surfaces(batch, launch, images, collected)

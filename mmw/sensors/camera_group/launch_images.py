@@ -3,30 +3,35 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
-from collections.abc import Hashable, Mapping
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmw.core.recorded_work import DirectWork, GatheredArrays, NewArrays, Same
-from mmw.core.remember import remembered
 from mmw.kernels.camera.depth import DepthImages
-from mmw.scene.scene_data import Actor
+from mmw.kernels.shading import structs as shading
 from mmw.scene.views import VIEW_TYPES, views_struct
 from mmw.sensors.batch import Batch
-from mmw.sensors.camera_group.launches import Launch, settings_of, trace_launch
+from mmw.sensors.camera_group.launches import Launch, LaunchCamera, own_images, part_of, settings_of, trace_launch
 from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, count_pixels, object_places
 from mmw.sensors.ground_truth.visibility import boxed_actors, object_ids
-from mmw.sensors.render.jpeg import CodedImages, code_images, read_files
+from mmw.sensors.render.jpeg import CodedFiles, CodedImages, code_images, file_bytes, read_files
 from mmw.sensors.render.optical_flow import image_motion
 from mmw.sensors.render.row_lists import RowLists
 from mmw.sensors.render.visibility_buffer import EXTRA_OFFSETS, SampleBuffer, depth_images
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.sensors.rgb.frame_inputs import FrameArrays
 from mmw.sensors.rgb.simulate import RgbImages, RgbRenderer
+
+AHEAD = 1.25
+"""Bytes of files that are copied to the host ahead, over those of the frame before: images change little between
+frames. Design value."""
 
 BATCH_FIELDS = ("instances", "group_root", "instance_pose", "instance_velocity", "instance_rate", "instance_present")
 """Arrays of `structs.Scene` that each batch writes: a record finds them where they were."""
@@ -52,13 +57,15 @@ class LaunchImages:
 
     depth: Mapping[float, DepthImages]
     """Range [m] -> depth and objects, on the device, for the ranges that need them."""
+    depth_cm: Mapping[int, np.ndarray]
+    """Place of a depth camera in the launch -> its depths [cm], on the host, shape [n, H, W], uint16."""
     visible: Mapping[float, VisiblePixels]
     """Range [m] -> pixels of the boxed actors, on the host, for the ranges that record boxes."""
     rgb: Mapping[str, RgbImages]
     """Weather -> pictures, on the device; nothing without RGB cameras or views."""
     exposure: Mapping[str, np.ndarray]
     """Weather -> exposure of each picture, on the host."""
-    files: Mapping[str, list[bytes]]
+    files: Mapping[str, CodedFiles]
     """Weather -> JPEG file of each picture, where the device makes them; else nothing."""
     normals: wp.array | None
     """Normals, on the device; None where they are not recorded."""
@@ -66,11 +73,13 @@ class LaunchImages:
     """Optical flow, on the device; None where it is not recorded."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Launched:
     """Results of a launch on the device."""
 
     depth: dict[float, DepthImages]
+    depth_cm: dict[int, wp.array]
+    """Place of a depth camera in the launch -> the depths of its part of the views, see `_depth`."""
     rgb: dict[str, RgbImages]
     coded: list[CodedImages]
     """Files of the pictures of each weather, or nothing."""
@@ -79,6 +88,24 @@ class _Launched:
     lists: RowLists | None
     small: GatheredArrays
     """Counts of the lists, exposures, spans of files, and what `count_pixels` finds for each range with boxes."""
+    ahead: tuple[int, ...] = ()
+    """Bytes of the files of each weather that are copied to the host before it is known how many there are."""
+
+    @cached_property
+    def copied(self) -> list[Any]:
+        """Arrays that are copied to the host: depths, and what is expected of the files."""
+        bodies = [some.body[:count] for some, count in zip(self.coded, self.ahead, strict=False)]
+        return [*self.depth_cm.values(), *bodies]
+
+    def look_ahead(self, spans: Sequence[np.ndarray]) -> None:
+        """Expect files of the size that they have now, given their spans."""
+        needed = [file_bytes(span) for span in spans]
+        ahead = self.ahead or [0] * len(needed)
+        if any(not count <= known <= 2 * AHEAD * count for count, known in zip(needed, ahead, strict=True)):
+            self.ahead = tuple(
+                min(round(AHEAD * count), len(some.body)) for count, some in zip(needed, self.coded, strict=True)
+            )
+            self.__dict__.pop("copied", None)
 
 
 def range_needs(launch: Launch) -> tuple[RangeNeeds, ...]:
@@ -103,7 +130,7 @@ class StartedImages(AbstractContextManager["StartedImages"]):
 
         Args:
             batch: The scenario and its device.
-            launch: The views.
+            launch: The views, in frames that are loaded.
             keys: Weather -> random numbers of each view, shape [A, 2], uint32.
         """
         self._task = _Task(batch, launch, keys)
@@ -115,32 +142,77 @@ class StartedImages(AbstractContextManager["StartedImages"]):
     def _start(self) -> None:
         self._key = self._task.key
         self._made = self._running.enter_context(self._work.run(self._key, self._task.inputs, self._task.launch))
+        self._copy = self._running.enter_context(closing(self._work.host_copy(self._made.copied)))
 
     def wait(self) -> LaunchImages:
         """Return the images once the device has made them; it makes them again where a list had no room."""
         task, work = self._task, self._work
         while True:
-            made = self._made
-            (block,) = work.to_host([made.small.block])
-            small = iter(made.small.on_host(block))
+            made, copied = self._made, self._copy.wait()
+            small = iter(work.gathered(made.small))
             if made.lists is None or made.lists.fit(next(small)):
                 break
             work.forget(self._key, task.inputs)
             self._running.close()
             self._start()
         exposure = {weather: next(small) for weather in made.rgb}
-        files = read_files(made.coded, [next(small) for _ in made.coded], work) if made.coded else []
+        spans = [next(small) for _ in made.coded]
         visible = {
             needs.range_m: VisiblePixels.of(next(small), next(small), next(small))
             for needs in task.needs
             if needs.with_boxes
         }
+        cameras = ((place, task.cameras[place]) for place in made.depth_cm)
+        depth_cm = {place: own_images(found, one) for (place, one), found in zip(cameras, copied, strict=False)}
+        files = read_files(made.coded, spans, work, copied[len(made.depth_cm) :])
+        made.look_ahead(spans)
         by_weather = dict(zip(made.rgb, files, strict=False))
-        return LaunchImages(made.depth, visible, made.rgb, exposure, by_weather, made.normals, made.flow)
+        return LaunchImages(made.depth, depth_cm, visible, made.rgb, exposure, by_weather, made.normals, made.flow)
 
     def __exit__(self, *error: object) -> None:
         """Give the arrays on the device back."""
         self._running.close()
+
+
+@dataclass(frozen=True)
+class _Fixed:
+    """Constants of the launches of some cameras on some agents, in all frames."""
+
+    needs: tuple[RangeNeeds, ...]
+    places: wp.array
+    """From `object_places`."""
+    wanted: int
+    """Actors with boxes."""
+    cutouts: "shading.AppearanceTable | None"
+    config: RgbCamera | None
+    """Settings of the RGB cameras; None without any, or without views."""
+    renderer: RgbRenderer | None
+    """Renders their pictures."""
+    key: Hashable
+    """Distinguishes the launches from others, beside the scene."""
+
+
+def _fixed(batch: Batch, launch: Launch) -> _Fixed:
+    actors, device = batch.arrays.actors, batch.scene.device
+    held = "places of boxed actors", id(actors), device
+    if held not in batch.cache:
+        wanted = boxed_actors(actors)
+        places = wp.array(object_places(object_ids(actors)[wanted]), dtype=wp.int32, device=device)
+        batch.cache[held] = actors, places, len(wanted)
+    _, places, wanted = batch.cache[held]
+    needs, cutouts = range_needs(launch), batch.alpha_cutouts
+    config = launch.rgb_config if len(launch.views) else None
+    renderer = None if config is None else batch.rgb_camera(config.debug)
+    settings = None if config is None else settings_of(config)
+    own = (
+        len(launch.views),
+        wanted,
+        Same(places),
+        needs,
+        tuple((k, one.start, one.stop) for k, _, one in _depth(launch)),
+    )
+    camera = launch.intrinsics, launch.range_m, Same(cutouts), settings, Same(renderer)
+    return _Fixed(needs, places, wanted, cutouts, config, renderer, (own, camera))
 
 
 class _Task:
@@ -148,45 +220,46 @@ class _Task:
 
     def __init__(self, batch: Batch, launch: Launch, keys: Mapping[str, np.ndarray]) -> None:
         """Gather the inputs."""
-        self._scene, self._launch, self._cutouts = batch.scene.optical, launch, batch.alpha_cutouts
-        self.needs = range_needs(launch)
-        places = _places(batch.arrays.actors)
-        self._wanted = len(boxed_actors(batch.arrays.actors))
-        views = launch.views
-        self._scene.check_loaded("view", views.batch_index, views.frame)
-        self.inputs = [*views.values(self._scene.origin), (places, wp.int32)]
-        self._config, self._renderer, self._values = None, None, None
-        if launch.rgb and len(views):
-            self._config = next(camera.sensor for camera in launch.cameras if isinstance(camera.sensor, RgbCamera))
-            self._renderer = batch.rgb_camera(self._config.debug)
-            self._values = self._renderer.frame_values(self._scene, views, self._config, keys, batch.motion)
+        self._scene, self._launch = batch.scene.optical, launch
+        seed = batch.config.seed_of_scene
+        self._fixed = launch.recall(f"fixed by seed {seed}", lambda: _fixed(batch, launch))
+        self.inputs, self._values = launch.views.values(self._scene.origin), None
+        config, renderer = self._fixed.config, self._fixed.renderer
+        if config is not None and renderer is not None:
+            self._values = renderer.frame_values(self._scene, launch.views, config, keys, batch.motion)
             self.inputs += self._values.inputs
+
+    @property
+    def needs(self) -> tuple[RangeNeeds, ...]:
+        """Needs of the cameras beside color, by range."""
+        return self._fixed.needs
+
+    @property
+    def cameras(self) -> tuple[LaunchCamera, ...]:
+        """The cameras."""
+        return self._launch.cameras
 
     @property
     def key(self) -> Hashable:
         """All that decides what `launch` does, beside the inputs."""
-        scene, launch = self._scene, self._launch
+        scene, fixed, values = self._scene, self._fixed, self._values
         memory = tuple(getattr(scene.struct, name).ptr for name in BATCH_FIELDS)
-        batch = Same(scene.struct), memory, scene.batch_size, scene.arrays.rate_hz
-        own = len(launch.views), self._wanted, self.needs
-        camera = launch.intrinsics, launch.range_m, Same(self._cutouts)
-        if self._config is None or self._renderer is None or self._values is None:
-            return batch, own, camera
-        values = self._values
-        settings = settings_of(self._config), values.weathers, values.suns, values.rooms
-        return batch, own, camera, settings, Same(self._renderer), self._renderer.list_shares.key
+        batch = Same(scene.struct), memory, scene.batch_size, scene.arrays.rate_hz, fixed.key
+        if values is None or fixed.renderer is None:
+            return batch
+        return batch, values.weathers, values.suns, values.rooms, fixed.renderer.list_shares.key
 
     def launch(self, arrays: NewArrays, inputs: list[wp.array]) -> _Launched:
         """Launch all kernels."""
-        scene, launch, renderer = self._scene, self._launch, self._renderer
+        scene, launch, fixed = self._scene, self._launch, self._fixed
         own = len(VIEW_TYPES)
-        views, places, frame = views_struct(inputs[:own]), inputs[own], inputs[own + 1 :]
+        views, frame = views_struct(inputs[:own]), inputs[own:]
         lists, further = None, 0
-        if renderer is not None and self._config is not None:
-            lists = RowLists(arrays, renderer.list_shares, launch.pixels)
-            extras = len(EXTRA_OFFSETS[self._config.samples])
+        if fixed.renderer is not None and fixed.config is not None:
+            lists = RowLists(arrays, fixed.renderer.list_shares, launch.pixels)
+            extras = len(EXTRA_OFFSETS[fixed.config.samples])
             further = extras * lists.room("edges", launch.pixels) if extras else 0
-        buffer = trace_launch(scene, launch, self._cutouts, arrays=arrays, on_device=views, further=further)
+        buffer = trace_launch(scene, launch, fixed.cutouts, arrays=arrays, on_device=views, further=further)
         depth, visible = {}, []
         for needs in self.needs:
             images = depth_images(
@@ -194,20 +267,21 @@ class _Task:
             )
             depth[needs.range_m] = images
             if needs.with_boxes:
-                visible += count_pixels(images.object_id, places, self._wanted, arrays)
+                visible += count_pixels(images.object_id, fixed.places, fixed.wanted, arrays)
         rgb, coded, normals, flow = {}, [], None, None
-        if renderer is not None and lists is not None:
-            rgb, coded, normals, flow = self._render(renderer, buffer, FrameArrays(*frame), lists)
+        if fixed.renderer is not None and lists is not None:
+            rgb, coded, normals, flow = self._render(fixed.renderer, buffer, FrameArrays(*frame), lists)
         exposures = [images.exposure for images in rgb.values()]
         counts = [] if lists is None else [lists.counts]
         small = GatheredArrays(arrays, [*counts, *exposures, *(some.spans for some in coded), *visible])
-        return _Launched(depth, rgb, coded, normals, flow, lists, small)
+        depth_cm = {place: depth[one.sensor.range_m].depth[part] for place, one, part in _depth(launch)}
+        return _Launched(depth, depth_cm, rgb, coded, normals, flow, lists, small)
 
     def _render(
         self, renderer: RgbRenderer, buffer: SampleBuffer, frame: FrameArrays, lists: RowLists
     ) -> tuple[dict[str, RgbImages], list[CodedImages], wp.array | None, wp.array | None]:
         """Return pictures, their files where the device makes them, normals and flow."""
-        config, values = self._config, self._values
+        config, values = self._fixed.config, self._values
         assert config is not None and values is not None
         rgb, coded = renderer.pictures(buffer, config, values, frame, lists), []
         if config.format == "jpeg" and makes_files(buffer.scene.device):
@@ -224,7 +298,11 @@ def makes_files(device: str) -> bool:
     return wp.get_device(device).is_cuda
 
 
-@remembered()
-def _places(actors: tuple[Actor, ...]) -> np.ndarray:
-    """Return the place of each object among the boxed actors, -1 for the others, shape [objects], int32."""
-    return object_places(object_ids(actors)[boxed_actors(actors)])
+def _depth(launch: Launch) -> Iterator[tuple[int, LaunchCamera, slice]]:
+    """Yield the depth cameras of a launch that have views: place among its cameras, camera, and its part of the views.
+
+    The views of depth cameras are the first ones, so that those of each camera lie close together, though in any order.
+    """
+    for place, camera in enumerate(launch.cameras):
+        if isinstance(camera.sensor, DepthCamera) and len(camera.rows):
+            yield place, camera, part_of(camera)

@@ -1,9 +1,9 @@
 """Group cameras into launches: all RGB cameras of equal settings, and the depth cameras of the same views."""
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
@@ -19,6 +19,8 @@ from mmw.sensors.depth.config import DepthCamera
 from mmw.sensors.render.projection import intrinsics_of
 from mmw.sensors.render.visibility_buffer import SampleBuffer, trace_samples
 from mmw.sensors.rgb.config import RgbCamera
+
+T = TypeVar("T")
 
 OWN_KEYS = {"name", "on", "mount"}
 """Keys of an RGB camera that may differ within a launch."""
@@ -57,6 +59,19 @@ class Launch:
     views: Views
     intrinsics: Intrinsics
     cameras: tuple[LaunchCamera, ...]
+    kept: dict[str, Any] = field(default_factory=dict, compare=False, repr=False)
+    """Values that follow from its cameras and their agents, by name; launches of other frames (`at`) share them."""
+
+    def at(self, frame: np.ndarray, pose: np.ndarray) -> "Launch":
+        """Return the launch of the same cameras on the same agents in other frames, see `Views`."""
+        views = replace(self.views, frame=frame, pose=pose)
+        return Launch(views, self.intrinsics, self.cameras, self.kept)
+
+    def recall(self, name: str, make: Callable[[], T]) -> T:
+        """Return what follows from its cameras and their agents, made once for all frames."""
+        if name not in self.kept:
+            self.kept[name] = make()
+        return self.kept[name]
 
     @property
     def pixels(self) -> int:
@@ -66,36 +81,43 @@ class Launch:
     @property
     def name(self) -> str:
         """Names of its cameras."""
-        return ", ".join(camera.sensor.name for camera in self.cameras)
+        return self.recall("name", lambda: ", ".join(camera.sensor.name for camera in self.cameras))
 
     @property
     def range_m(self) -> float:
         """Longest depth of any of its cameras [m]."""
-        return max(camera.sensor.range_m for camera in self.cameras)
+        return self.recall("range", lambda: max(camera.sensor.range_m for camera in self.cameras))
 
     @property
     def rgb(self) -> tuple[LaunchCamera, ...]:
         """Its RGB cameras, which have equal settings."""
-        return tuple(camera for camera in self.cameras if isinstance(camera.sensor, RgbCamera))
+        return self.recall("rgb", lambda: tuple(one for one in self.cameras if isinstance(one.sensor, RgbCamera)))
 
     @property
     def depth(self) -> tuple[LaunchCamera, ...]:
         """Its depth cameras."""
-        return tuple(camera for camera in self.cameras if isinstance(camera.sensor, DepthCamera))
+        return self.recall("depth", lambda: tuple(one for one in self.cameras if isinstance(one.sensor, DepthCamera)))
+
+    @property
+    def rgb_config(self) -> RgbCamera | None:
+        """Settings of its RGB cameras; None without any."""
+        sensors = (camera.sensor for camera in self.cameras)
+        return self.recall("config", lambda: next((one for one in sensors if isinstance(one, RgbCamera)), None))
 
     def views_of(self, camera: LaunchCamera) -> Views:
         """Return the views of one of its cameras."""
-        return self._parts[id(camera)]
-
-    @cached_property
-    def _parts(self) -> dict[int, Views]:
-        return {id(camera): self.views.take(camera.rows) for camera in self.cameras}
+        return self.views.take(camera.rows)
 
     def pieces(self, max_pixels: int) -> Iterator["Launch"]:
         """Yield the launch in pieces of at most so many pixels, or of one view; one piece where there is no view."""
+        for _, piece in self.parts(max_pixels):
+            yield piece
+
+    def parts(self, max_pixels: int) -> Iterator[tuple[slice, "Launch"]]:
+        """Yield the rows of each of the `pieces`, and the piece."""
         step = max(max_pixels // (self.intrinsics.width * self.intrinsics.height), 1)
         if len(self.views) <= step:
-            yield self
+            yield slice(None), self
             return
         for begin in range(0, len(self.views), step):
             end = begin + step
@@ -103,7 +125,7 @@ class Launch:
                 LaunchCamera(camera.sensor, camera.rows[(camera.rows >= begin) & (camera.rows < end)] - begin)
                 for camera in self.cameras
             )
-            yield Launch(self.views.take(slice(begin, end)), self.intrinsics, own)
+            yield slice(begin, end), Launch(self.views.take(slice(begin, end)), self.intrinsics, own)
 
 
 def trace_launch(
@@ -123,9 +145,19 @@ def images_of(work: Work, images: wp.array, camera: LaunchCamera) -> np.ndarray:
     if not len(rows):
         kind, element = numpy_type(images)
         return np.empty((0, *images.shape[1:], *element), dtype=kind)
-    begin, end = int(rows.min()), int(rows.max()) + 1
-    (found,) = work.to_host([images[begin:end]])
-    return found if np.array_equal(rows, np.arange(begin, end)) else found[rows - begin]
+    (found,) = work.to_host([images[part_of(camera)]])
+    return own_images(found, camera)
+
+
+def part_of(camera: LaunchCamera) -> slice:
+    """Return the part of the views of a launch that has all views of one of its cameras, which has some."""
+    return slice(int(camera.rows.min()), int(camera.rows.max()) + 1)
+
+
+def own_images(found: np.ndarray, camera: LaunchCamera) -> np.ndarray:
+    """Return one camera's images of those of its part of a launch."""
+    rows = camera.rows - camera.rows.min()
+    return found if np.array_equal(rows, np.arange(len(found))) else found[rows]
 
 
 def single_launches(camera: Camera, views: Views, device: str) -> Iterator[Launch]:
@@ -150,22 +182,104 @@ def make_launches(cameras: Sequence[Camera], views_of: Callable[[Camera], Views]
         cameras: The cameras.
         views_of: Returns the views of a camera in the batch.
     """
-    launches: list[Launch] = []
-    for group in _groups([camera for camera in cameras if isinstance(camera, RgbCamera)]):
-        parts = [views_of(camera) for camera in group]
-        ends = np.cumsum([len(part) for part in parts])
-        own = tuple(
-            LaunchCamera(camera, np.arange(end - len(part), end))
-            for camera, part, end in zip(group, parts, ends, strict=True)
-        )
-        launches.append(Launch(join_views(parts), intrinsics_of(group[0]), own))
+    parts = [views_of(camera) for camera in cameras]
+    every = join_views(parts)
+    return [Launch(every.take(one.rows), one.intrinsics, one.cameras) for one in _grouped(cameras, parts, every)]
+
+
+KEPT_LAYOUTS = 16
+"""Sets of cameras and agents of which launches are kept; design value."""
+
+
+class KeptLaunches:
+    """Launches of cameras in pieces; what follows from cameras and agents is kept while both stay the same."""
+
+    def __init__(self) -> None:
+        """Hold none yet."""
+        self._known: OrderedDict[tuple[int, ...], _Layout] = OrderedDict()
+
+    def pieces(self, cameras: Sequence[Camera], parts: Sequence[Views], max_pixels: int) -> list[list[Launch]]:
+        """Return the pieces of each of `make_launches`.
+
+        Args:
+            cameras: The cameras.
+            parts: Their views; they have the same agents where they have the same arrays of agents and places in the
+                batch, as those of `mmw.scene.views.SensorViews`.
+            max_pixels: Most pixels of a piece.
+        """
+        key = max_pixels, *map(id, cameras), *(id(array) for own in parts for array in (own.actor, own.batch_index))
+        frame, pose = (np.concatenate([getattr(own, name) for own in parts]) for name in ("frame", "pose"))
+        layout = self._known.get(key)
+        if layout is None or not layout.fits(pose):
+            layout = self._known[key] = _layout(cameras, parts, max_pixels)
+            while len(self._known) > KEPT_LAYOUTS:
+                self._known.popitem(last=False)
+        return [[piece.at(frame[rows], pose[rows]) for rows, piece in own] for own in layout.pieces]
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Launches of some cameras with views of some agents."""
+
+    owners: Any
+    """Objects that the key of the layout names by their identity, so that they stay."""
+    groups: list["_Group"]
+    pieces: list[list[tuple[np.ndarray, Launch]]]
+    """Rows of the views of each piece among those of all cameras, and a launch of its cameras."""
+
+    def fits(self, pose: np.ndarray) -> bool:
+        """Return whether depth cameras still see what the cameras see whose launches they have joined.
+
+        `pose` are the poses of the views of all cameras, shape [n, 7].
+        """
+        return all(np.array_equal(pose[one.own], pose[one.shared]) for one in self.groups if len(one.own))
+
+
+def _layout(cameras: Sequence[Camera], parts: Sequence[Views], max_pixels: int) -> _Layout:
+    """Return the launches of cameras, see `KeptLaunches.pieces`."""
+    every = join_views(parts)
+    layout = _Layout((tuple(cameras), tuple(parts)), _grouped(cameras, parts, every), [])
+    for one in layout.groups:
+        whole = Launch(every.take(one.rows), one.intrinsics, one.cameras)
+        layout.pieces.append([(one.rows[own], piece) for own, piece in whole.parts(max_pixels)])
+    return layout
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Cameras of a launch; rows are those of the views of all cameras, one camera after the other."""
+
+    rows: np.ndarray
+    """Rows of its views, shape [A]."""
+    intrinsics: Intrinsics
+    cameras: tuple[LaunchCamera, ...]
+    own: np.ndarray
+    """Rows of the views of depth cameras that have joined, shape [n]."""
+    shared: np.ndarray
+    """Rows of the views that are traced for these, shape [n]."""
+
+
+NO_ROWS = np.zeros(0, dtype=np.int64)
+
+
+def _grouped(cameras: Sequence[Camera], parts: Sequence[Views], every: Views) -> list[_Group]:
+    """Return the launches of `make_launches`, given the views of each camera and of all of them."""
+    ends = np.cumsum([len(part) for part in parts], dtype=np.int64)
+    rows_of = {id(one): np.arange(end - len(part), end) for one, part, end in zip(cameras, parts, ends, strict=True)}
+    groups: list[_Group] = []
+    for alike in _alike([camera for camera in cameras if isinstance(camera, RgbCamera)]):
+        rows = [rows_of[id(camera)] for camera in alike]
+        places = np.split(np.arange(sum(map(len, rows))), np.cumsum([len(own) for own in rows])[:-1])
+        own = tuple(LaunchCamera(camera, place) for camera, place in zip(alike, places, strict=True))
+        groups.append(_Group(np.concatenate(rows), intrinsics_of(alike[0]), own, NO_ROWS, NO_ROWS))
+    names = _names(every)
     for camera in cameras:
         if isinstance(camera, DepthCamera):
-            _join(launches, camera, views_of(camera))
-    return [_sorted(launch) for launch in launches]
+            _join(groups, camera, rows_of[id(camera)], names)
+    return [_sorted(group) for group in groups]
 
 
-def _groups(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
+def _alike(cameras: Sequence[RgbCamera]) -> list[list[RgbCamera]]:
     """Return the cameras by their settings, in the order of the first of each."""
     groups: dict[str, list[RgbCamera]] = {}
     for camera in cameras:
@@ -179,16 +293,28 @@ def settings_of(camera: RgbCamera) -> str:
     return camera.model_dump_json(exclude=OWN_KEYS)
 
 
-def _join(launches: list[Launch], camera: DepthCamera, views: Views) -> None:
-    """Add a depth camera to the launch that sees what it sees, or to the list."""
-    intrinsics, wanted = intrinsics_of(camera), _names(views)
-    for index, launch in enumerate(launches):
-        row_of = {name: row for row, name in enumerate(_names(launch.views))}
-        if launch.intrinsics == intrinsics and all(name in row_of for name in wanted):
-            joined = LaunchCamera(camera, np.array([row_of[name] for name in wanted], dtype=np.int64))
-            launches[index] = replace(launch, cameras=(*launch.cameras, joined))
+def _join(groups: list[_Group], camera: DepthCamera, rows: np.ndarray, names: Sequence[bytes]) -> None:
+    """Add a depth camera to the launch that sees what it sees, or to the list.
+
+    Args:
+        groups: The launches so far.
+        camera: The depth camera.
+        rows: Rows of its views.
+        names: `_names` of all views.
+    """
+    intrinsics, wanted = intrinsics_of(camera), [names[row] for row in rows]
+    for index, group in enumerate(groups):
+        place_of = {names[row]: place for place, row in enumerate(group.rows)}
+        if group.intrinsics == intrinsics and all(name in place_of for name in wanted):
+            places = np.array([place_of[name] for name in wanted], dtype=np.int64)
+            groups[index] = replace(
+                group,
+                cameras=(*group.cameras, LaunchCamera(camera, places)),
+                own=np.concatenate([group.own, rows]),
+                shared=np.concatenate([group.shared, group.rows[places]]),
+            )
             return
-    launches.append(Launch(views, intrinsics, (LaunchCamera(camera, np.arange(len(views))),)))
+    groups.append(_Group(rows, intrinsics, (LaunchCamera(camera, np.arange(len(rows))),), NO_ROWS, NO_ROWS))
 
 
 def _names(views: Views) -> list[bytes]:
@@ -198,13 +324,14 @@ def _names(views: Views) -> list[bytes]:
     return key.view(f"V{key.itemsize * key.shape[1]}")[:, 0].tolist()
 
 
-def _sorted(launch: Launch) -> Launch:
+def _sorted(group: _Group) -> _Group:
     """Return the launch with the views of its depth cameras first, so that their images are one piece of memory."""
-    is_last = np.ones(len(launch.views), dtype=bool)
-    for camera in launch.depth:
-        is_last[camera.rows] = False
+    is_last = np.ones(len(group.rows), dtype=bool)
+    for camera in group.cameras:
+        if isinstance(camera.sensor, DepthCamera):
+            is_last[camera.rows] = False
     order = np.argsort(is_last, kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
-    own = tuple(LaunchCamera(camera.sensor, place[camera.rows]) for camera in launch.cameras)
-    return Launch(launch.views.take(order), launch.intrinsics, own)
+    own = tuple(LaunchCamera(camera.sensor, place[camera.rows]) for camera in group.cameras)
+    return replace(group, rows=group.rows[order], cameras=own)

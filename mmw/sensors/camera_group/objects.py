@@ -1,15 +1,14 @@
-"""Capture object annotations of a camera, depth or RGB: segmentation, 2-D boxes, visible pixels."""
+"""Capture object annotations of cameras, depth or RGB: segmentation, 2-D boxes, visible pixels."""
 
 from concurrent.futures import Future
 
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns
-from mmw.scene.views import Views
 from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.camera_group.launch_images import LaunchImages
 from mmw.sensors.camera_group.launches import Launch, LaunchCamera, images_of
-from mmw.sensors.camera_group.rows import box_2d_rows, image_rows
+from mmw.sensors.camera_group.rows import CameraViews, box_2d_rows, image_rows
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.segmentation import object_tags
@@ -17,42 +16,57 @@ from mmw.sensors.ground_truth.visibility_rows import visible_rows
 from mmw.storage.codecs.images import encode_instance, encode_semantic
 
 
-def record_objects(
-    batch: Batch, camera: LaunchCamera, launch: Launch, images: LaunchImages, boxes: Future[Boxes], collected: TableRows
-) -> None:
-    """Add segmentation, 2-D boxes and visible pixels of one camera; they are the same in every weather.
-
-    Args:
-        batch: The scenario.
-        camera: The camera.
-        launch: Its launch.
-        images: Images of the launch.
-        boxes: Future of the 3-D boxes of the launch's frames.
-        collected: Where the rows go.
+def record_segmentation(batch: Batch, launch: Launch, images: LaunchImages, collected: TableRows) -> None:
+    """Add instance and semantic images of the cameras of a launch; they are the same in every weather.
 
     Raises:
         InputError: If the scene has more objects than an instance image can store.
     """
-    sensor, views, arrays = camera.sensor, launch.views_of(camera), batch.arrays
-    if sensor.segmentation:
-        tags = object_tags(arrays)
-        with batch.clock.stage("segmentation"):
-            objects = images_of(batch.work, images.depth[sensor.range_m].object_id, camera)
-        instance = [batch.encoder.submit(encode_instance, image) for image in objects]
-        semantic = [batch.encoder.submit(encode_semantic, image, tags) for image in objects]
-        for weather, tables in collected.items():
+    for camera in launch.cameras:
+        if camera.sensor.segmentation:
+            tags = object_tags(batch.arrays)
+            with batch.clock.stage("segmentation"):
+                objects = images_of(batch.work, images.depth[camera.sensor.range_m].object_id, camera)
+            instance = [batch.encoder.submit(encode_instance, image) for image in objects]
+            semantic = [batch.encoder.submit(encode_semantic, image, tags) for image in objects]
             files = {"instance": ("_instance", instance), "semantic": ("_semantic", semantic)}
-            rows = image_rows(arrays, sensor.name, views, files, batch.scenario.name, weather)
-            tables["segmentation"].append(rows)
-    if sensor.boxes_2d:
-        visible = images.visible[sensor.range_m]
-        own = VisiblePixels(visible.pixels[camera.rows], visible.bounds[camera.rows])
-        rows = batch.submit(_box_rows, arrays, sensor.name, views, launch.intrinsics, boxes, own)
-        counts = visible_rows(arrays, sensor.name, views, "pixels", own.pixels)
-        collect(collected, {"boxes_2d": rows, "box_visibility": counts})
+            views = CameraViews.of(launch, [camera])
+            for weather, tables in collected.items():
+                tables["segmentation"].append(image_rows(batch.arrays, views, files, batch.scenario.name, weather))
+
+
+def record_boxes(
+    batch: Batch, launch: Launch, images: LaunchImages, boxes: Future[Boxes], collected: TableRows
+) -> None:
+    """Add 2-D boxes and visible pixels of the cameras of a launch; they are the same in every weather.
+
+    Args:
+        batch: The scenario.
+        launch: The launch.
+        images: Its images.
+        boxes: Future of the 3-D boxes of the launch's frames.
+        collected: Where the rows go.
+    """
+    for range_m, visible in images.visible.items():
+        own = [one for one in launch.cameras if one.sensor.boxes_2d and one.sensor.range_m == range_m]
+        found = batch.arrays, launch, own, visible
+        rows = batch.submit(_box_rows, *found, launch.intrinsics, boxes)
+        collect(collected, {"boxes_2d": rows, "box_visibility": batch.submit(_pixel_rows, *found)})
 
 
 def _box_rows(
-    arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Future[Boxes], visible: VisiblePixels
+    arrays: SceneData,
+    launch: Launch,
+    cameras: list[LaunchCamera],
+    visible: VisiblePixels,
+    intrinsics: Intrinsics,
+    boxes: Future[Boxes],
 ) -> Columns:
-    return box_2d_rows(arrays, sensor, views, camera, boxes.result(), visible)
+    views = CameraViews.of(launch, cameras)
+    own = VisiblePixels(visible.pixels[views.rows], visible.bounds[views.rows])
+    return box_2d_rows(arrays, views.sensors, views.views, intrinsics, boxes.result(), own)
+
+
+def _pixel_rows(arrays: SceneData, launch: Launch, cameras: list[LaunchCamera], visible: VisiblePixels) -> Columns:
+    views = CameraViews.of(launch, cameras)
+    return visible_rows(arrays, views.sensors, views.views, "pixels", visible.pixels[views.rows])

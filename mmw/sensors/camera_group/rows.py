@@ -3,14 +3,16 @@
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
+from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
 
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, names, sample_columns
+from mmw.scene.table_rows import Columns, SensorNames, sample_columns, sensors_of
 from mmw.scene.views import Views
+from mmw.sensors.camera_group.launches import Launch, LaunchCamera
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, image_boxes
 from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.tables import EDGES
@@ -26,32 +28,52 @@ SUFFIX = {"jpeg": "jpg", "png": "png"}
 """Format -> end of a file's name."""
 
 
+@dataclass(frozen=True)
+class CameraViews:
+    """Views of some cameras of a launch, one camera after the other, A of them."""
+
+    rows: np.ndarray
+    """Their rows among the views of the launch, shape [A]."""
+    views: Views
+    sensors: pa.DictionaryArray
+    """Name of the camera of each."""
+
+    @classmethod
+    def of(cls, launch: Launch, cameras: Sequence[LaunchCamera]) -> "CameraViews":
+        """Return the views of at least one camera."""
+        rows = np.concatenate([camera.rows for camera in cameras])
+        code = np.repeat(np.arange(len(cameras), dtype=np.int32), [len(camera.rows) for camera in cameras])
+        names = pa.array([camera.sensor.name for camera in cameras], pa.string())
+        return cls(rows, launch.views.take(rows), pa.DictionaryArray.from_arrays(pa.array(code), names))
+
+
 def image_rows(
     arrays: SceneData,
-    sensor: str,
-    views: Views,
+    cameras: CameraViews,
     files: Mapping[str, tuple[str, Images]],
     scenario: str,
     weather: str,
     suffix: str = "png",
 ) -> Columns:
-    """Return rows of a table of encoded images for one sensor: one view a row.
+    """Return rows of a table of encoded images: one view a row.
 
     Args:
         arrays: The scene on the host.
-        sensor: Name of the sensor.
-        views: Its views.
+        cameras: The views.
         files: Column -> what follows the name of the sensor in the names of the files, and the files of the views.
         scenario: Name of the scenario.
         weather: Name of the weather.
         suffix: End of the names of the files.
     """
+    views = cameras.views
+    shared = sample_columns(arrays, cameras.sensors, views.frame, views.actor)
+    agents, sensors = shared["agent"].to_pylist(), cameras.sensors.to_pylist()
     stems = [
         f"{scenario}/{weather}/{agent}/{frame:06d}_{sensor}"
-        for agent, frame in zip(names(arrays, views.actor).to_pylist(), arrays.numbers(views.frame), strict=True)
+        for agent, frame, sensor in zip(agents, arrays.numbers(views.frame).tolist(), sensors, strict=True)
     ]
     return {
-        **sample_columns(arrays, sensor, views.frame, views.actor),
+        **shared,
         **{
             column: [(image, f"{stem}{kind}.{suffix}") for image, stem in zip(images, stems, strict=True)]
             for column, (kind, images) in files.items()
@@ -83,13 +105,22 @@ def metre_lists(views: Views, depth_m: np.ndarray | None) -> pa.Array | ListColu
 
 
 def box_2d_rows(
-    arrays: SceneData, sensor: str, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
+    arrays: SceneData, sensor: SensorNames, views: Views, camera: Intrinsics, boxes: Boxes, visible: VisiblePixels
 ) -> Columns:
-    """Return rows of the `boxes_2d` table for one camera; `visible` is in the order of `boxed_actors`."""
+    """Return rows of the `boxes_2d` table for cameras of one projection.
+
+    Args:
+        arrays: The scene on the host.
+        sensor: Name of the camera of all views, or that of each.
+        views: The views, A rows.
+        camera: Intrinsics.
+        boxes: 3-D boxes of their frames.
+        visible: Pixels of the actors in the order of `boxed_actors`.
+    """
     found = image_boxes(arrays, views, camera, boxes, visible)
     view = np.repeat(np.arange(len(views)), np.diff(found.offsets))
     return {
-        **sample_columns(arrays, sensor, views.frame[view], views.actor[view]),
+        **sample_columns(arrays, sensors_of(sensor, view), views.frame[view], views.actor[view]),
         "object_id": found.object_id,
         "pixels": found.pixels,
         **{name: pa.array(found.bounds[:, i], mask=found.pixels == 0) for i, name in enumerate(EDGES)},

@@ -6,7 +6,7 @@ import numpy as np
 import pyarrow as pa
 
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, sample_columns
+from mmw.scene.table_rows import Columns, SensorNames, sample_columns, sensors_of
 from mmw.scene.views import Views
 from mmw.sensors.ground_truth.visibility import LineOfSight, boxed_actors, count_returns, object_ids
 
@@ -17,15 +17,20 @@ NULLS = ("lidar_points", "radar_points", "pixels", "is_los", "blocker_id")
 """Columns that are null in the rows of other kinds of sensors."""
 
 
-def visible_rows(arrays: SceneData, sensor: str, views: Views, column: Count, counts: np.ndarray) -> Columns:
+def visible_rows(arrays: SceneData, sensor: SensorNames, views: Views, column: Count, counts: np.ndarray) -> Columns:
     """Return one row for every actor that a view has a point or pixel on.
 
-    `counts` are of each boxed actor, in the order of `boxed_actors`, shape [A, K], int32.
+    Args:
+        arrays: The scene on the host.
+        sensor: Name of the sensor of all views, or that of each.
+        views: The views, A rows.
+        column: Column of the counts.
+        counts: Of each boxed actor, in the order of `boxed_actors`, shape [A, K], int32.
     """
     view, place = np.nonzero(counts)
     actor = boxed_actors(arrays.actors)[place]
     return {
-        **sample_columns(arrays, sensor, views.frame[view], views.actor[view]),
+        **sample_columns(arrays, sensors_of(sensor, view), views.frame[view], views.actor[view]),
         "object_id": object_ids(arrays.actors)[actor],
         **_nulls(len(view)),
         column: counts[view, place],

@@ -194,13 +194,45 @@ def code_images(images: wp.array, quality: int, subsampling: str, lists: RowList
     return CodedImages(coding, body, spans)
 
 
-def read_files(coded: Sequence[CodedImages], spans: Sequence[np.ndarray], work: Work) -> list[list[bytes]]:
-    """Return the files of each of some coded images, given their spans on the host, after one wait for the device."""
-    bodies = work.to_host([some.body[: int(span[-1, 1])] for some, span in zip(coded, spans, strict=True)])
-    return [
-        [b"".join((some.coding.header, memoryview(body)[begin:end], END)) for begin, end in span.tolist()]
-        for some, body, span in zip(coded, bodies, spans, strict=True)
-    ]
+@dataclass(frozen=True)
+class CodedFiles:
+    """Files of the images of an array, on the host."""
+
+    header: bytes
+    body: np.ndarray
+    """`CodedImages.body`, as far as it is filled."""
+    spans: np.ndarray
+    """`CodedImages.spans`."""
+
+    def files(self) -> list[bytes]:
+        """Return each image's file."""
+        body = memoryview(self.body)
+        return [b"".join((self.header, body[begin:end], END)) for begin, end in self.spans.tolist()]
+
+
+def file_bytes(spans: np.ndarray) -> int:
+    """Return the bytes of all files without their headers and ends, given `CodedImages.spans`."""
+    return int(spans[-1, 1])
+
+
+def read_files(
+    coded: Sequence[CodedImages], spans: Sequence[np.ndarray], work: Work, ahead: Sequence[np.ndarray] = ()
+) -> list[CodedFiles]:
+    """Return the files of each of some coded images, after one wait for the device at most.
+
+    Args:
+        coded: The coded images.
+        spans: Their spans, on the host.
+        work: What launched them.
+        ahead: First bytes of their bodies, if they are on the host already; where these are all, nothing is waited for.
+    """
+    needed = list(map(file_bytes, spans))
+    if len(ahead) == len(needed) and all(len(body) >= count for body, count in zip(ahead, needed, strict=True)):
+        bodies = [body[:count] for body, count in zip(ahead, needed, strict=True)]
+    else:
+        bodies = work.to_host([some.body[:count] for some, count in zip(coded, needed, strict=True)])
+    parts = zip(coded, bodies, spans, strict=True)
+    return [CodedFiles(some.coding.header, body, own) for some, body, own in parts]
 
 
 def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> list[list[bytes]]:
@@ -227,4 +259,4 @@ def jpeg_files(pictures: Sequence[wp.array], quality: int, subsampling: str) -> 
         coded = [code_images(images, quality, subsampling, lists) for images in pictures]
         counts, *spans = work.to_host([lists.counts, *(some.spans for some in coded)])
         if lists.fit(counts):
-            return read_files(coded, spans, work)
+            return [one.files() for one in read_files(coded, spans, work)]

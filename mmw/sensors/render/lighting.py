@@ -78,16 +78,20 @@ def sun_margin(sky: Sky) -> float:
     return 2.0 * float(sky.sun_radius) * SUN_GRID_RANGE_M
 
 
-def sun_cells(scene: DeviceScene, sky: Sky) -> SunCells:
-    """Return the cells of the sun of a weather over the loaded batch of a scene."""
-    rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
-    places = (scene.arrays.poses[rows][:, scene.instance_actor, :3] - scene.origin) @ sun_plane(
-        tuple(sky.sun_direction)
-    ).T
+def sun_cells(scene: DeviceScene, to_sun: tuple[float, ...], margin: float) -> SunCells:
+    """Return the cells of a sun over the loaded batch of a scene.
+
+    Args:
+        scene: The scene.
+        to_sun: Unit vector to the sun.
+        margin: From `sun_margin` [m].
+    """
+    rows = scene.arrays.frame_rows(scene.batch_frames)
+    places = (scene.arrays.poses[rows][:, scene.instance_actor, :3] - scene.origin) @ sun_plane(to_sun).T
     places = places[np.isfinite(places).all(axis=2)]
     low, size = np.zeros(2), np.zeros(2, dtype=np.int32)
     if len(places):
-        around = scene.instance_radius_m + sun_margin(sky)
+        around = scene.instance_radius_m + margin
         low, high = places.min(axis=0) - around, places.max(axis=0) + around
         size = np.ceil((high - low) / SUN_CELL_M).astype(np.int32)
     return SunCells(low.astype(np.float32), size, padded_count(scene.batch_size * int(size[0]) * int(size[1])))

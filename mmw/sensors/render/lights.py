@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 import warp as wp
 
-from mmw.core.kinematics import differentiate_rows
+from mmw.core.kinematics import Motion, differentiate_rows
 from mmw.core.remember import remembered
-from mmw.core.transforms import rotate
+from mmw.core.transforms import length, rotate
 from mmw.kernels.shading import lights as kernels
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene, instance_actors
-from mmw.scene.scene_data import Actor, SceneData
+from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData
 
 DIPPED_SUN_DEG = 6.0
 """Altitude of the sun below which drivers switch headlights on [deg]. Design value: ambient light falls below the
@@ -46,6 +46,9 @@ with its engine decelerates by 0.5 to 1 m/s2; UNECE Regulation 13-H asks for sto
 STANDING_M_S = (0.1, 0.3)
 """Speed below which a foot is on the brake, and above which it is not [m/s]. Design value."""
 
+FORWARD = np.array([1.0, 0.0, 0.0])
+"""Axis of a vehicle in its own frame."""
+
 GRID_CELL_M = 15.0
 """Side of a cell of the street lights' grid [m]."""
 
@@ -70,14 +73,22 @@ def has_lights(actor: Actor) -> bool:
 
 
 @remembered()
-def _with_lights(actors: tuple[Actor, ...]) -> np.ndarray:
-    return np.array([has_lights(actor) for actor in actors], dtype=bool)
+def _drivers(actors: tuple[Actor, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the instances that have lights that can be on, and their actors."""
+    actor = np.array([index for index, one in enumerate(actors) if one.model != MODEL_NONE], dtype=np.int64)
+    instance = np.flatnonzero(np.array([has_lights(actors[index]) for index in actor], dtype=bool))
+    return instance, actor[instance]
 
 
-def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
+def brake_levels(arrays: SceneData, frames: Sequence[int], motion: Motion | None = None) -> np.ndarray:
     """Return how much each instance brakes, from its acceleration along its own x axis.
 
     A frame's values depend on the recording alone, not on the other frames asked for.
+
+    Args:
+        arrays: The scene on the host.
+        frames: The frames, S of them.
+        motion: `differentiate(arrays.poses, arrays.pose_dt)`, if at hand.
 
     Returns:
         0 to 1, shape [S, V], float32; -1 for an instance that is no vehicle, is parked, or is absent.
@@ -85,32 +96,35 @@ def brake_levels(arrays: SceneData, frames: Sequence[int]) -> np.ndarray:
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    rows = np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
-    actors = instance_actors(arrays)
-    level = np.full((len(rows), len(actors)), -1.0, dtype=np.float32)
-    drives = _with_lights(arrays.actors)[actors]
-    if len(rows) == 0 or not drives.any():
+    rows = arrays.frame_rows(list(frames))[:, None]
+    instance, actor = _drivers(arrays.actors)
+    level = np.full((len(rows), len(instance_actors(arrays))), -1.0, dtype=np.float32)
+    if level[:, instance].size == 0:
         return level
-    poses = arrays.poses[:, actors[drives]]
-    motion = differentiate_rows(poses, rows, arrays.pose_dt)
-    forward = rotate(poses[rows][..., 3:], np.array([1.0, 0.0, 0.0]))
-    slowing = -np.sum(motion.acceleration * forward, axis=-1)
+    poses = arrays.poses[rows, actor]
+    if motion is None:
+        found = differentiate_rows(arrays.poses[:, actor], rows[:, 0], arrays.pose_dt)
+        velocity, acceleration = found.velocity, found.acceleration
+    else:
+        velocity, acceleration = motion.velocity[rows, actor], motion.acceleration[rows, actor]
+    forward = rotate(poses[..., 3:], FORWARD)
+    slowing = -np.sum(acceleration * forward, axis=-1)
     low, high = BRAKING_M_S2
     # A vehicle in reverse that brakes accelerates forward.
-    slowing *= np.where(np.sum(motion.velocity * forward, axis=-1) < 0.0, -1.0, 1.0)
+    slowing *= np.where(np.sum(velocity * forward, axis=-1) < 0.0, -1.0, 1.0)
     braking = np.clip((slowing - low) / (high - low), 0.0, 1.0)
     slow, fast = STANDING_M_S
-    standing = np.clip((fast - np.linalg.norm(motion.velocity, axis=-1)) / (fast - slow), 0.0, 1.0)
-    is_present = np.isfinite(poses[rows]).all(axis=-1)
-    level[:, drives] = np.where(is_present, np.maximum(braking, standing), -1.0)
+    standing = np.clip((fast - length(velocity)[..., 0]) / (fast - slow), 0.0, 1.0)
+    is_present = np.isfinite(poses).all(axis=-1)
+    level[:, instance] = np.where(is_present, np.maximum(braking, standing), -1.0)
     return level
 
 
-def batch_brakes(scene: DeviceScene) -> np.ndarray:
+def batch_brakes(scene: DeviceScene, motion: Motion | None = None) -> np.ndarray:
     """Return `brake_levels` of the loaded batch, shape [max_batch_frames, V], float32, for all weathers."""
-    level = np.full(scene.struct.instance_pose.shape, -1.0, dtype=np.float32)
-    level[: scene.batch_size] = brake_levels(scene.arrays, scene.batch_frames)
-    return level
+    level = brake_levels(scene.arrays, scene.batch_frames, motion)
+    missing = scene.max_batch_frames - len(level)
+    return np.pad(level, ((0, missing), (0, 0)), constant_values=-1.0) if missing else level
 
 
 def find_street_lights(arrays: SceneData, name: str) -> np.ndarray:

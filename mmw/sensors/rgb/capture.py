@@ -5,28 +5,42 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import warp as wp
 
-from mmw.scene.views import view_keys
+from mmw.core.random_keys import stream_name
+from mmw.scene.scene_data import SceneData
+from mmw.scene.table_rows import Columns
+from mmw.scene.views import instant_keys
 from mmw.sensors.batch import Batch, TableRows
 from mmw.sensors.camera_group.launch_images import LaunchImages
 from mmw.sensors.camera_group.launches import Launch, images_of
-from mmw.sensors.camera_group.rows import SUFFIX, Images, image_rows, rgb_columns
+from mmw.sensors.camera_group.rows import SUFFIX, CameraViews, Images, image_rows, rgb_columns
+from mmw.sensors.render.jpeg import CodedFiles
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.storage.codecs.images import encode_flow, encode_normals, encode_rgb
 
 
 def record_rgb(batch: Batch, launch: Launch, images: LaunchImages, collected: TableRows) -> None:
     """Add the images of the RGB cameras of a launch, which have equal settings."""
-    cameras = [(camera, camera.sensor) for camera in launch.cameras if isinstance(camera.sensor, RgbCamera)]
-    config = cameras[0][1]
+    config = launch.rgb_config
+    assert config is not None
     for weather, tables in collected.items():
-        exposures, files = images.exposure.get(weather, np.zeros(0)), images.files.get(weather, ())
+        files: Images | CodedFiles = images.files.get(weather, ())
         if weather in images.rgb and not files:  # one weather after the other: all at once need three times the memory
             files = _encoded(batch, launch, images.rgb[weather].rgb, config)
-        for camera, sensor in cameras:
-            views, own = launch.views_of(camera), {"image": ("", [files[row] for row in camera.rows])}
-            suffix = SUFFIX[sensor.format]
-            rows = image_rows(batch.arrays, sensor.name, views, own, batch.scenario.name, weather, suffix)
-            tables["rgb"].append(rows | rgb_columns(sensor, exposures[camera.rows]))
+        exposure = images.exposure.get(weather, np.zeros(0))
+        names = batch.scenario.name, weather
+        tables["rgb"].append(batch.submit(_rows, batch.arrays, launch, files, exposure, *names))
+
+
+def _rows(
+    arrays: SceneData, launch: Launch, files: Images | CodedFiles, exposure: np.ndarray, scenario: str, weather: str
+) -> Columns:
+    """Return rows of the RGB cameras of a launch, given the files and the exposure of each view."""
+    cameras, config = CameraViews.of(launch, launch.rgb), launch.rgb_config
+    assert config is not None
+    every = files.files() if isinstance(files, CodedFiles) else files
+    own = {"image": ("", [every[row] for row in cameras.rows.tolist()])}
+    rows = image_rows(arrays, cameras, own, scenario, weather, SUFFIX[config.format])
+    return rows | rgb_columns(config, exposure[cameras.rows])
 
 
 def _encoded(batch: Batch, launch: Launch, images: wp.array, config: RgbCamera) -> Images:
@@ -40,7 +54,8 @@ def _encoded(batch: Batch, launch: Launch, images: wp.array, config: RgbCamera) 
 
 def record_surfaces(batch: Batch, launch: Launch, images: LaunchImages, collected: TableRows) -> None:
     """Add normals and flow of the RGB cameras of a launch, where their settings say so."""
-    config = next(camera.sensor for camera in launch.cameras if isinstance(camera.sensor, RgbCamera))
+    config = launch.rgb_config
+    assert config is not None
     if config.normals:
         _record_files(batch, launch, "normals", images.normals, encode_normals, collected)
     if config.flow:
@@ -57,14 +72,13 @@ def _record_files(
 ) -> None:
     """Add images of the RGB cameras to a table; None for no views."""
     for camera in launch.rgb:
-        views = launch.views_of(camera)
+        views = CameraViews.of(launch, [camera])
         with batch.clock.stage(table):
             on_host = () if images is None else images_of(batch.work, images, camera)
         encoded = [batch.encoder.submit(encode, image) for image in on_host]
         for weather, tables in collected.items():
             files = {"image": (f"_{table}", encoded)}
-            rows = image_rows(batch.arrays, camera.sensor.name, views, files, batch.scenario.name, weather)
-            tables[table].append(rows)
+            tables[table].append(image_rows(batch.arrays, views, files, batch.scenario.name, weather))
 
 
 def random_keys_of(batch: Batch, launch: Launch, weathers: Iterable[str]) -> dict[str, np.ndarray]:
@@ -72,12 +86,19 @@ def random_keys_of(batch: Batch, launch: Launch, weathers: Iterable[str]) -> dic
 
     They are named after the camera, so that they do not depend on which cameras share a launch.
     """
-    found = {}
-    for weather in weathers:
-        found[weather] = np.zeros((len(launch.views), 2), dtype=np.uint32)
-        for camera in launch.rgb:
-            views = launch.views_of(camera)
-            found[weather][camera.rows] = view_keys(
-                batch.arrays, views, batch.config.seed, batch.scenario.name, weather, camera.sensor.name
-            )
-    return found
+    names = launch.recall("random streams", lambda: _streams(batch, launch))
+    arrays, views, seed = batch.arrays, launch.views, batch.config.seed
+    scenario = batch.scenario.name
+    return {
+        weather: instant_keys(arrays, views, seed, [stream_name(scenario, weather, name) for name in names])
+        for weather in weathers
+    }
+
+
+def _streams(batch: Batch, launch: Launch) -> list[str]:
+    """Return camera and agent of each view: all views of a launch with RGB cameras are those of one."""
+    names = [""] * len(launch.views)
+    for camera in launch.rgb:
+        for row in camera.rows.tolist():
+            names[row] = stream_name(camera.sensor.name, batch.arrays.actors[launch.views.actor[row]].name)
+    return names

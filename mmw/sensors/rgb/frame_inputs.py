@@ -15,7 +15,7 @@ from mmw.core.recorded_work import Input
 from mmw.kernels.shading.sky import Sky
 from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import Views, view_twists
-from mmw.sensors.render.lighting import sun_cells
+from mmw.sensors.render.lighting import sun_cells, sun_margin
 
 SunPlace = tuple[float, ...]
 """Unit vector to the sun; empty where it does not shine, or casts no shadows."""
@@ -80,7 +80,7 @@ def frame_values(
     arrays, count = scene.arrays, len(views)
     velocity, rate = twists_of(scene, views, motion)
     time = seconds(arrays.numbers(views.frame), arrays.rate_hz)
-    cells = [sun_cells(scene, sky) for sky in skies.values()]
+    cells = [sun_cells(scene, place, sun_margin(sky)) for place, sky in skies.items()]
     key = np.array(list(keys.values()), dtype=np.uint32).reshape(len(keys), count, 2)
     inputs: list[Input] = [
         (velocity, wp.vec3),
@@ -96,9 +96,11 @@ def frame_values(
 
 def twists_of(scene: DeviceScene, views: Views, motion: Motion | None) -> Sequence[np.ndarray]:
     """Return velocity and angular velocity of each view, see `view_twists`; zero for those that nobody carries."""
-    arrays, carried = scene.arrays, np.flatnonzero(views.actor >= 0)
+    arrays, is_carried = scene.arrays, views.actor >= 0
     velocity, rate = np.zeros((2, len(views), 3))
-    if len(carried):
+    if is_carried.any():
         motion = motion or differentiate(arrays.poses, arrays.pose_dt)
-        velocity[carried], rate[carried] = view_twists(arrays, motion, views.take(carried))
+        if is_carried.all():
+            return view_twists(arrays, motion, views)
+        velocity[is_carried], rate[is_carried] = view_twists(arrays, motion, views.take(is_carried))
     return velocity, rate

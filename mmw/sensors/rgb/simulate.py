@@ -152,6 +152,7 @@ class RgbRenderer:
         self.notes = self._appearance.notes
         self._weathers: dict[str, Weather] = {}
         self._shading: dict[str, shade.Weather] = {}
+        self._suns: dict[str, SunPlace] = {}
         self._is_dark: dict[str, bool] = {}
         self._groups: list[list[str]] = []
         self._brakes: tuple[SceneData, tuple[int, ...], np.ndarray] | None = None
@@ -180,7 +181,7 @@ class RgbRenderer:
             struct.wet = make_wet(weather, scene.origin)
             struct.glow = wp.vec3(*ground_radiance(weather, seed))
             self._is_dark[name] = bake(weather, seed).horizontal_klux < DARK_KLUX
-            self._weathers[name], self._shading[name] = weather, struct
+            self._weathers[name], self._shading[name], self._suns[name] = weather, struct, _sun_of(struct.sky)
         groups: dict[tuple, list[str]] = {}
         for name in self._shading:
             groups.setdefault(tuple(material.appearance for material in scene.arrays.materials[name]), []).append(name)
@@ -248,10 +249,10 @@ class RgbRenderer:
         motion: Motion | None = None,
     ) -> FrameValues:
         """Return what changes from frame to frame for `pictures`; see `render` for the arguments."""
-        skies = {} if not config.shadows else {_sun_of(sky): sky for sky in (self._shading[n].sky for n in keys)}
+        skies = {} if not config.shadows else {self._suns[name]: self._shading[name].sky for name in keys}
         skies.pop((), None)
         if self._brakes is None or self._brakes[0] is not scene.arrays or self._brakes[1] != scene.batch_frames:
-            self._brakes = scene.arrays, scene.batch_frames, batch_brakes(scene)
+            self._brakes = scene.arrays, scene.batch_frames, batch_brakes(scene, motion)
         return frame_values(scene, views, keys, skies, self._brakes[2], motion)
 
     def pictures(
@@ -314,7 +315,7 @@ class RgbRenderer:
         if EXTRA_OFFSETS[config.samples]:
             buffer = with_extras(buffer, config.samples, lists)
         sky_light = trace_sky(buffer) if config.sky_light else None
-        suns = {name: _sun_of(self._shading[name].sky) for name in wanted}
+        suns = {name: self._suns[name] for name in wanted}
         skies = {suns[name]: self._shading[name].sky for name in wanted}
         lights = {place: self._light(buffer, place, sky, sky_light, values, frame) for place, sky in skies.items()}
         images = {}

@@ -11,7 +11,10 @@ import pytest
 import warp as wp
 from PIL import Image
 
-from mmw.sensors.render.jpeg import fast_divisors, jpeg_files, zigzag
+from mmw.core.recorded_work import DirectWork, NewArrays
+from mmw.core.transfer import to_host
+from mmw.sensors.render.jpeg import code_images, fast_divisors, file_bytes, jpeg_files, read_files, zigzag
+from mmw.sensors.render.row_lists import ListShares, RowLists
 from mmw.storage.codecs.images import encode_rgb
 
 SUBSAMPLING = {"4:4:4": 0, "4:2:0": 2}
@@ -109,6 +112,20 @@ def test_several_arrays_are_the_files_of_each(device: str) -> None:
     files, turned = jpeg_files([first, second], 95, "4:2:0")
     assert files == turned[::-1] and len(set(files)) == 4
     assert jpeg_files([first[:0], second[:0]], 95, "4:2:0") == [[], []] and jpeg_files([], 95, "4:2:0") == []
+
+
+@pytest.mark.parametrize("missing", [-100, 0, 1])
+def test_bytes_that_were_copied_ahead_are_not_copied_again(device: str, missing: int) -> None:
+    """If one is missing, all are."""
+    images = [wp.array(pictures(16, 24) + np.uint8(k), dtype=wp.uint8, device=device) for k in range(2)]
+    work, shares, copied = DirectWork(device), ListShares(), []
+    lists = RowLists(NewArrays(device), shares, 4 * 16 * 24)
+    coded = [code_images(one, 95, "4:2:0", lists) for one in images]
+    spans = work.to_host([some.spans for some in coded])
+    ahead = work.to_host([some.body[: file_bytes(span) - missing] for some, span in zip(coded, spans, strict=True)])
+    work.to_host = lambda arrays: copied.append(len(arrays)) or to_host(arrays)
+    found = [one.files() for one in read_files(coded, spans, work, ahead)]
+    assert found == jpeg_files(images, 95, "4:2:0") and copied == ([2] if missing > 0 else [])
 
 
 def test_zigzag_starts_as_in_the_standard() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from mmw.core.kinematics import differentiate
 from mmw.kernels.core.structs import Scene as SceneStruct
 from mmw.kernels.shading import lights as kernels
 from mmw.kernels.shading.lights import Lights, beam_kcd, light_emission, reflected_lights
@@ -148,6 +149,8 @@ def test_brakes_do_not_depend_on_the_batch() -> None:
     assert (every[:20] == -1.0).all() and (every[20:] >= 0.0).all() and 0.0 < every[20:].mean() < 1.0
     for frames in ([150], [30, 20, 199], [19, 21]):
         assert (brake_levels(arrays, frames) == every[frames]).all()
+        motion = differentiate(arrays.poses, arrays.pose_dt)
+        np.testing.assert_array_equal(brake_levels(arrays, frames, motion), every[frames])
     walker = car_on_a_road(poses, "pedestrian")
     assert (brake_levels(walker, range(200)) == -1.0).all()
     with pytest.raises(ValueError, match="frame 200 is not in the scene"):
