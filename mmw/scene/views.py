@@ -185,7 +185,8 @@ class SensorViews:
         self._arrays, self._frames = arrays, np.asarray(frames, dtype=np.int64)
         self._carried = _all_carried(arrays.actors, sensors, arrays.sensing)
         poses = arrays.poses[frame_rows(arrays, frames)[:, None], self._carried.actors]
-        self._pose, self._is_present = mounted_poses(poses, self._carried.mounts)
+        pose, self._is_present = mounted_poses(poses, self._carried.mounts)
+        self._pose = pose.reshape(-1, 7)
 
     def of(self, sensor: SensorConfig) -> Views:
         """Return the views of one of the sensors, or of another one."""
@@ -193,11 +194,16 @@ class SensorViews:
         if part is None:
             return sample_views(self._arrays, self._frames.tolist(), sensor)
         is_present = self._is_present[:, part]
-        is_due = sensor.is_due(self._arrays.numbers(self._frames), self._arrays.rate_hz)
-        if not is_due.all():
-            is_present = is_present & is_due[:, None]
-        batch_index, place, actor, nobody = _rows_present(self._carried, part.start, is_present.tobytes(), len(is_due))
-        return Views(self._frames[batch_index], batch_index, actor, self._pose[batch_index, place], nobody)
+        if sensor.period_frames(self._arrays.rate_hz) != 1 or sensor.sample_times_s:
+            is_present = is_present & sensor.is_due(self._arrays.numbers(self._frames), self._arrays.rate_hz)[:, None]
+        rows = _rows_present(self._carried, part.start, is_present.tobytes(), len(is_present))
+        return Views(
+            self._frames.take(rows.batch_index),
+            rows.batch_index,
+            rows.actor,
+            self._pose.take(rows.row, axis=0),
+            rows.nobody,
+        )
 
 
 @dataclass(frozen=True)
@@ -225,11 +231,23 @@ def _all_carried(
     return _Carried(np.concatenate([np.zeros(0, np.int32), *carriers]), np.array(mounts).reshape(-1, 7), parts)
 
 
+@dataclass(frozen=True)
+class _PresentRows:
+    """Views of a sensor, A of them, in a batch of frames."""
+
+    row: np.ndarray
+    """Their rows among all sensors on their agents in all frames, frame by frame, shape [A], int64."""
+    batch_index: np.ndarray
+    """See `Views`; shape [A], int32."""
+    actor: np.ndarray
+    """See `Views`; shape [A], int32."""
+    nobody: np.ndarray
+    """-1 for each, shape [A], int32."""
+
+
 @remembered(size=1024)
-def _rows_present(
-    carried: _Carried, first: int, is_present: bytes, frames: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the rows of a sensor's views: place in the batch and of the carried sensor, agent, and no instance.
+def _rows_present(carried: _Carried, first: int, is_present: bytes, frames: int) -> _PresentRows:
+    """Return the views of a sensor.
 
     Args:
         carried: Sensors on their agents.
@@ -238,8 +256,9 @@ def _rows_present(
         frames: Frames of the batch.
     """
     batch_index, place = np.nonzero(np.frombuffer(is_present, dtype=bool).reshape(frames, -1))
-    nobody = np.full(len(place), -1, dtype=np.int32)
-    return batch_index.astype(np.int32), place + first, carried.actors[place + first], nobody
+    row, count = batch_index * len(carried.actors) + place + first, len(place)
+    nobody = np.full(count, -1, dtype=np.int32)
+    return _PresentRows(row, batch_index.astype(np.int32), carried.actors[place + first], nobody)
 
 
 def frame_rows(arrays: SceneData, frames: Iterable[int] | np.ndarray) -> np.ndarray:

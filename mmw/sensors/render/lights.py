@@ -7,7 +7,7 @@ import warp as wp
 
 from mmw.core.kinematics import Motion, differentiate_rows
 from mmw.core.remember import remembered
-from mmw.core.transforms import length, rotate
+from mmw.core.transforms import length, x_axes
 from mmw.kernels.shading import lights as kernels
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene, instance_actors
@@ -45,9 +45,6 @@ BRAKING_M_S2 = (0.5, 1.0)
 with its engine decelerates by 0.5 to 1 m/s2; UNECE Regulation 13-H asks for stop lights from 1.3."""
 STANDING_M_S = (0.1, 0.3)
 """Speed below which a foot is on the brake, and above which it is not [m/s]. Design value."""
-
-FORWARD = np.array([1.0, 0.0, 0.0])
-"""Axis of a vehicle in its own frame."""
 
 GRID_CELL_M = 15.0
 """Side of a cell of the street lights' grid [m]."""
@@ -107,16 +104,15 @@ def brake_levels(arrays: SceneData, frames: Sequence[int], motion: Motion | None
         velocity, acceleration = found.velocity, found.acceleration
     else:
         velocity, acceleration = motion.velocity[rows, actor], motion.acceleration[rows, actor]
-    forward = rotate(poses[..., 3:], FORWARD)
-    slowing = -np.sum(acceleration * forward, axis=-1)
-    low, high = BRAKING_M_S2
+    forward = x_axes(poses[..., 3:])
+    gain = np.add.reduce(acceleration * forward, axis=-1)
     # A vehicle in reverse that brakes accelerates forward.
-    slowing *= np.where(np.sum(velocity * forward, axis=-1) < 0.0, -1.0, 1.0)
-    braking = np.clip((slowing - low) / (high - low), 0.0, 1.0)
+    slowing = np.where(np.add.reduce(velocity * forward, axis=-1) < 0.0, gain, -gain)
+    low, high = BRAKING_M_S2
     slow, fast = STANDING_M_S
-    standing = np.clip((fast - length(velocity)[..., 0]) / (fast - slow), 0.0, 1.0)
-    is_present = np.isfinite(poses).all(axis=-1)
-    level[:, instance] = np.where(is_present, np.maximum(braking, standing), -1.0)
+    braking, standing = (slowing - low) / (high - low), (fast - length(velocity)[..., 0]) / (fast - slow)
+    found = np.minimum(np.maximum(np.maximum(braking, standing), 0.0), 1.0)
+    level[:, instance] = np.where(np.isfinite(poses).all(axis=-1), found, -1.0)
     return level
 
 
