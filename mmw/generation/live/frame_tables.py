@@ -170,7 +170,20 @@ class FrameTables:
             self._held[name] = self._table(name)
         if needed == (table,) and table not in self._held:
             raise InputError(f"{self.root}: has no table {table!r}; it has {', '.join(self.tables)}; name one of these")
+        where = {name: value for name, value in where.items() if not self._is_met(table, name, value)}
         return MemoryTables(self.root, self._held, FRAME_RATE_HZ).read(table, **where)
+
+    def _is_met(self, table: str, condition: str, value: Any) -> bool:
+        """Return whether all rows of a table meet a condition of `Dataset.read`: a filter costs a millisecond."""
+        scenario, weather, frame = self._where
+        if value is None or table in self.static:
+            return False
+        if condition == "frames":
+            return frame in value
+        told = {"scenario": scenario}
+        if table not in self._makers or _specs(self._makers)[table].by_weather:
+            told["weather"] = weather
+        return told.get(condition) == value
 
     def rows(self, table: str) -> list[Row]:
         """Return the rows of a table that frames change, by its key; none of another table, or of one that was read."""

@@ -103,6 +103,25 @@ def test_tables_that_are_traced_at_once_are_those_of_one_look_after_the_other(li
         alone.trace("nose")
 
 
+def test_tables_are_read_by_the_conditions_of_a_dataset(live: mmw.Simulation) -> None:
+    """Those that all rows of the frame meet are not looked at; the others leave none, or some."""
+    frame = live.reset()
+    number, scenario, weather = frame.frame, frame.scenario, frame.weather
+    for name in ("poses", "path_gains", "path_geometry", "paths"):
+        own = {} if name == "path_geometry" else {"weather": weather}
+        every = frame.data.read(name)
+        assert every.num_rows > 0 and frame.table(name) == every
+        for frames in (range(number, number + 1), range(number - 1, number + 5), range(number + 4, number - 1, -2)):
+            assert frame.data.read(name, scenario=scenario, frames=frames, **own) == every
+        for other in ({"scenario": "none"}, {"frames": range(number + 1, number + 3)}, {"frames": range(0)}):
+            assert frame.data.read(name, **{**own, **other}).num_rows == 0
+        some = frame.data.read(name, agent="cav_1", scenario=scenario, **own)
+        assert set(some.column("agent").to_pylist()) == {"cav_1"} and some.num_rows < every.num_rows
+    assert frame.data.read("poses", weather="none").num_rows == 0
+    with pytest.raises(InputError, match=r"path_geometry.*has no column weather"):
+        frame.data.read("path_geometry", weather=weather)
+
+
 def test_same_seed_and_controls_give_the_same_rows_and_old_frames_stay_theirs(live: mmw.Simulation) -> None:
     """Frames of the first drive are traced after the second one has gone over the same numbers."""
     first = drive(live)
