@@ -5,10 +5,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
+SEPARATOR = "\x1f"
+"""Stands between the parts of the name of a stream."""
+
 
 def stream_name(*parts: str | int) -> str:
     """Return the name of a stream from its parts, such as (seed, scenario, agent); a part may be such a name itself."""
-    return "\x1f".join(map(str, parts))
+    return SEPARATOR.join(map(str, parts))
 
 
 def random_key(*parts: str | int) -> tuple[int, int]:

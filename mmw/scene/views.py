@@ -14,7 +14,7 @@ from mmw.config import SensorConfig
 from mmw.config.agent_keys import Body
 from mmw.core.frame_rate import instant_names
 from mmw.core.kinematics import Motion
-from mmw.core.random_keys import stream_keys, stream_name
+from mmw.core.random_keys import SEPARATOR, stream_keys, stream_name
 from mmw.core.remember import remembered
 from mmw.core.transforms import cross, pose_from_mount
 from mmw.kernels.core import structs
@@ -261,13 +261,20 @@ def _rows_present(carried: _Carried, first: int, is_present: bytes, frames: int)
     return _PresentRows(row, batch_index.astype(np.int32), carried.actors[place + first], nobody)
 
 
+FEW_FRAMES = 4
+"""Frames below which it is quicker to look at each."""
+
+
 def frame_rows(arrays: SceneData, frames: Iterable[int] | np.ndarray) -> np.ndarray:
     """Return the rows of `SceneData.poses` that hold some frames, shape [F], int64.
 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    return arrays.frame_rows(frames if isinstance(frames, np.ndarray) else list(frames))
+    frames = frames if isinstance(frames, np.ndarray) else list(frames)
+    if len(frames) < FEW_FRAMES:
+        return np.array([arrays.frame_row(int(frame)) for frame in frames], dtype=np.int64)
+    return arrays.frame_rows(frames)
 
 
 def join_views(parts: Sequence[Views]) -> Views:
@@ -293,7 +300,7 @@ def instant_keys(arrays: SceneData, views: Views, seed: int, streams: Sequence[s
     """Return what `view_keys` does, given the name of each view's stream between seed and instant (`stream_name`)."""
     instants = instant_names(arrays.numbers(views.frame), arrays.rate_hz)
     named = zip(arrays.seeds(views.frame, seed), streams, instants, strict=True)
-    return stream_keys([stream_name(own, stream, instant) for own, stream, instant in named])
+    return stream_keys([f"{own}{SEPARATOR}{stream}{SEPARATOR}{instant}" for own, stream, instant in named])
 
 
 def view_twists(arrays: SceneData, motion: Motion, views: Views) -> tuple[np.ndarray, np.ndarray]:

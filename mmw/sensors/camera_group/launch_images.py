@@ -19,7 +19,7 @@ from mmw.scene.views import VIEW_TYPES, views_struct
 from mmw.sensors.batch import Batch
 from mmw.sensors.camera_group.launches import Launch, LaunchCamera, own_images, part_of, settings_of, trace_launch
 from mmw.sensors.depth.config import DepthCamera
-from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, count_pixels, object_places
+from mmw.sensors.ground_truth.boxes_2d import count_pixels, object_places
 from mmw.sensors.ground_truth.visibility import boxed_actors, object_ids
 from mmw.sensors.render.jpeg import CodedFiles, CodedImages, code_images, file_bytes, read_files
 from mmw.sensors.render.optical_flow import image_motion
@@ -59,8 +59,8 @@ class LaunchImages:
     """Range [m] -> depth and objects, on the device, for the ranges that need them."""
     depth_cm: Mapping[int, np.ndarray]
     """Place of a depth camera in the launch -> its depths [cm], on the host, shape [n, H, W], uint16."""
-    visible: Mapping[float, VisiblePixels]
-    """Range [m] -> pixels of the boxed actors, on the host, for the ranges that record boxes."""
+    visible: Mapping[float, list[np.ndarray]]
+    """Range [m] -> what `count_pixels` found of the boxed actors, on the host, for the ranges that record boxes."""
     rgb: Mapping[str, RgbImages]
     """Weather -> pictures, on the device; nothing without RGB cameras or views."""
     exposure: Mapping[str, np.ndarray]
@@ -157,11 +157,7 @@ class StartedImages(AbstractContextManager["StartedImages"]):
             self._start()
         exposure = {weather: next(small) for weather in made.rgb}
         spans = [next(small) for _ in made.coded]
-        visible = {
-            needs.range_m: VisiblePixels.of(next(small), next(small), next(small))
-            for needs in task.needs
-            if needs.with_boxes
-        }
+        visible = {needs.range_m: [next(small) for _ in range(3)] for needs in task.needs if needs.with_boxes}
         cameras = ((place, task.cameras[place]) for place in made.depth_cm)
         depth_cm = {place: own_images(found, one) for (place, one), found in zip(cameras, copied, strict=False)}
         files = read_files(made.coded, spans, work, copied[len(made.depth_cm) :])

@@ -2,6 +2,8 @@
 
 from concurrent.futures import Future
 
+import numpy as np
+
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns
@@ -58,15 +60,15 @@ def _box_rows(
     arrays: SceneData,
     launch: Launch,
     cameras: list[LaunchCamera],
-    visible: VisiblePixels,
+    visible: list[np.ndarray],
     intrinsics: Intrinsics,
     boxes: Future[Boxes],
 ) -> Columns:
     views = CameraViews.of(launch, cameras)
-    own = VisiblePixels(visible.pixels[views.rows], visible.bounds[views.rows])
+    own = VisiblePixels.of(*(values[views.rows] for values in visible))
     return box_2d_rows(arrays, views.sensors, views.views, intrinsics, boxes.result(), own)
 
 
-def _pixel_rows(arrays: SceneData, launch: Launch, cameras: list[LaunchCamera], visible: VisiblePixels) -> Columns:
+def _pixel_rows(arrays: SceneData, launch: Launch, cameras: list[LaunchCamera], visible: list[np.ndarray]) -> Columns:
     views = CameraViews.of(launch, cameras)
-    return visible_rows(arrays, views.sensors, views.views, "pixels", visible.pixels[views.rows])
+    return visible_rows(arrays, views.sensors, views.views, "pixels", visible[0][views.rows])

@@ -21,6 +21,7 @@ from mmw.kernels.shading import surface_samples as surfaces
 from mmw.kernels.shading.sky import Sky
 from mmw.kernels.shading.wet_surfaces import Wet
 from mmw.scene.device_scene import DeviceScene
+from mmw.scene.views import frame_rows
 from mmw.sensors.render.camera import BLOCK_DIM, TILE
 from mmw.sensors.render.row_lists import RowList, RowLists, empty_flags
 from mmw.sensors.render.visibility_buffer import SampleBuffer, empty_candidates, empty_samples, no_count, no_rows
@@ -86,7 +87,7 @@ def sun_cells(scene: DeviceScene, to_sun: tuple[float, ...], margin: float) -> S
         to_sun: Unit vector to the sun.
         margin: From `sun_margin` [m].
     """
-    rows = scene.arrays.frame_rows(scene.batch_frames)
+    rows = frame_rows(scene.arrays, scene.batch_frames)
     places = (scene.arrays.poses[rows][:, scene.instance_actor, :3] - scene.origin) @ sun_plane(to_sun).T
     places = places[np.isfinite(places).all(axis=2)]
     low, size = np.zeros(2), np.zeros(2, dtype=np.int32)

@@ -12,6 +12,7 @@ from mmw.kernels.shading import lights as kernels
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene, instance_actors
 from mmw.scene.scene_data import MODEL_NONE, Actor, SceneData
+from mmw.scene.views import frame_rows
 
 DIPPED_SUN_DEG = 6.0
 """Altitude of the sun below which drivers switch headlights on [deg]. Design value: ambient light falls below the
@@ -93,7 +94,7 @@ def brake_levels(arrays: SceneData, frames: Sequence[int], motion: Motion | None
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    rows = arrays.frame_rows(list(frames))[:, None]
+    rows = frame_rows(arrays, frames)[:, None]
     instance, actor = _drivers(arrays.actors)
     level = np.full((len(rows), len(instance_actors(arrays))), -1.0, dtype=np.float32)
     if level[:, instance].size == 0:

@@ -1,6 +1,7 @@
 """Capture RGB images of a batch, in every weather from the same rays; normals and flow, which no weather changes."""
 
 from collections.abc import Callable, Iterable
+from functools import partial
 
 import numpy as np
 import warp as wp
@@ -86,19 +87,18 @@ def random_keys_of(batch: Batch, launch: Launch, weathers: Iterable[str]) -> dic
 
     They are named after the camera, so that they do not depend on which cameras share a launch.
     """
-    names = launch.recall("random streams", lambda: _streams(batch, launch))
-    arrays, views, seed = batch.arrays, launch.views, batch.config.seed
-    scenario = batch.scenario.name
-    return {
-        weather: instant_keys(arrays, views, seed, [stream_name(scenario, weather, name) for name in names])
-        for weather in weathers
-    }
+    found = {}
+    for weather in weathers:
+        names = launch.recall(f"random streams in {weather}", partial(_streams, batch, launch, weather))
+        found[weather] = instant_keys(batch.arrays, launch.views, batch.config.seed, names)
+    return found
 
 
-def _streams(batch: Batch, launch: Launch) -> list[str]:
-    """Return camera and agent of each view: all views of a launch with RGB cameras are those of one."""
+def _streams(batch: Batch, launch: Launch, weather: str) -> list[str]:
+    """Return the name of the random numbers of each view: all views of a launch with RGB cameras are those of one."""
     names = [""] * len(launch.views)
     for camera in launch.rgb:
         for row in camera.rows.tolist():
-            names[row] = stream_name(camera.sensor.name, batch.arrays.actors[launch.views.actor[row]].name)
+            agent = batch.arrays.actors[launch.views.actor[row]].name
+            names[row] = stream_name(batch.scenario.name, weather, camera.sensor.name, agent)
     return names
