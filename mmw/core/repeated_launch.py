@@ -1,15 +1,20 @@
 """Launch a kernel again and again: what stays the same from launch to launch is packed once."""
 
-import math
+# Fields of Warp's recorded launches are optional or read-only to a type checker.
+# pyright: reportIndexIssue=false, reportOptionalMemberAccess=false
+
+import ctypes
 import threading
-import weakref
 from collections.abc import Sequence
 from typing import Any
+from weakref import ref
 
 import warp as wp
 
-_records = threading.local()
-"""Last launch of each kernel, device and block size; threads have their own, as they change it."""
+NUMBERS = frozenset(
+    (ctypes.c_bool, ctypes.c_int32, ctypes.c_uint32, ctypes.c_int64, ctypes.c_uint64, ctypes.c_float, ctypes.c_double)
+)
+"""C types of kernel arguments that hold a Python number as it is."""
 
 
 def launch_again(
@@ -17,7 +22,8 @@ def launch_again(
 ) -> None:
     """Launch a kernel as `wp.launch` does, in a fraction of its time where most arguments are objects of the last one.
 
-    Fields of structs may have changed since. Nothing is kept alive for the next launch.
+    Fields of structs may have changed since. Nothing is kept alive for the next launch. Kernels stay as they were
+    compiled for the first one.
 
     Args:
         kernel: The kernel.
@@ -26,27 +32,122 @@ def launch_again(
         device: Warp device.
         block_dim: Threads of a block, see `wp.launch`.
     """
-    if not math.prod(dim):
-        return
-    known = _records.__dict__.setdefault("launches", {})
     key = kernel, device, block_dim
-    record, held, size = known.get(key, (None, [], ()))
-    if record is None or kernel.module.load(record.device, record.block_dim) is not record.module_exec:
-        record = wp.launch(kernel, dim, inputs=arguments, device=device, block_dim=block_dim, record_cmd=True)
-        assert record is not None
-        record.fwd_args = None  # they would be kept alive
-        held = [_held(value) for value in arguments]
+    launch = _launches.known.get(key)
+    if launch is None:
+        if 0 in dim:
+            return
+        command = wp.launch(kernel, dim, inputs=arguments, device=device, block_dim=block_dim, record_cmd=True)
+        assert command is not None
+        is_host = command.device.is_cpu and command.block_dim == 1
+        launch = _launches.known[key] = (_HostLaunch if is_host else _Launch)(command, dim, arguments)
     else:
-        for index, (old, new) in enumerate(zip(held, arguments, strict=True)):
-            if old is not new and not (type(old) is weakref.ref and old() is new):
-                record.set_param_at_index(index, new)
-                held[index] = _held(new)
-        if size != dim:
-            record.set_dim(dim)
-    known[key] = record, held, dim
-    record.launch()
+        if launch.dim != dim:
+            if 0 in dim:
+                return
+            launch.resize(dim)
+        for index, (old, new) in enumerate(zip(launch.held, arguments, strict=True)):
+            if old is not new and not (old.__class__ is ref and old() is new):
+                launch.change(index, new)
+    launch.run(arguments)
+
+
+class _Launch:
+    """A recorded launch, with the size and arguments that it was given last.
+
+    Attributes:
+        dim: Its size.
+        held: Numbers as they are, and weak references to arrays and structs.
+    """
+
+    def __init__(self, command: wp.Launch, dim: Sequence[int], arguments: Sequence[Any]) -> None:
+        """Take a command and what it was recorded with."""
+        command.fwd_args = None  # they would be kept alive
+        self._command = command
+        self._types = [_array_type(argument.type) for argument in command.kernel.adj.args]
+        self.dim = dim
+        self.held = [_held(value) for value in arguments]
+
+    def run(self, arguments: Sequence[Any]) -> None:
+        """Launch."""
+        self._command.launch()
+
+    def resize(self, dim: Sequence[int]) -> None:
+        """Set the size."""
+        self._command.set_dim(dim)
+        self.dim = dim
+
+    def change(self, index: int, value: Any) -> None:
+        """Set an argument."""
+        params = self._command.params
+        if value.__class__ is wp.array and self._types[index] == (value.dtype, value.ndim):
+            params[index + 1] = value.__ctype__()
+            self.held[index] = ref(value)
+        elif value.__class__ in (int, float) and params[index + 1].__class__ in NUMBERS:
+            params[index + 1].value = value
+            self.held[index] = value
+        else:  # in full, with the errors of Warp
+            self._command.set_param_at_index(index, value)
+            self.held[index] = _held(value)
+        self._place(index, params[index + 1])
+
+    def _place(self, index: int, packed: Any) -> None:
+        if self._command.params_addr:  # on CUDA
+            self._command.params_addr[index + 1] = ctypes.addressof(packed)
+
+
+class _HostLaunch(_Launch):
+    """A launch on the CPU: Warp calls a function with a structure of all arguments, which it makes for each launch."""
+
+    def __init__(self, command: wp.Launch, dim: Sequence[int], arguments: Sequence[Any]) -> None:
+        """See `_Launch`; make the structure."""
+        super().__init__(command, dim, arguments)
+        packed = command.params[1:]
+        names = [f"argument_{index}" for index in range(len(packed))]
+        kind = type("Arguments", (ctypes.Structure,), {"_fields_": list(zip(names, map(type, packed), strict=True))})
+        self._arguments = kind(*packed)
+        self._names = names
+        self._structs = [
+            (name, index)
+            for index, (name, value) in enumerate(zip(names, arguments, strict=True))
+            if hasattr(value, "_cls")
+        ]
+        self._call = command.hooks.forward
+        self._reference = ctypes.byref(self._arguments)
+        self._bounds = ctypes.byref(command.bounds)
+
+    def resize(self, dim: Sequence[int]) -> None:
+        """See `_Launch.resize`."""
+        super().resize(dim)
+        self._bounds = ctypes.byref(self._command.bounds)
+
+    def run(self, arguments: Sequence[Any]) -> None:
+        """See `_Launch.run`."""
+        command = self._command
+        if command.device.is_capturing:  # Warp records the arguments themselves
+            wp.launch(command.kernel, self.dim, inputs=arguments, device=command.device, block_dim=command.block_dim)
+            return
+        for name, index in self._structs:  # their fields may have changed
+            setattr(self._arguments, name, command.params[index + 1])
+        self._call(self._bounds, self._reference)
+
+    def _place(self, index: int, packed: Any) -> None:
+        setattr(self._arguments, self._names[index], packed)
+
+
+def _array_type(kind: Any) -> tuple[Any, int] | None:
+    return (kind.dtype, kind.ndim) if wp.types.is_array(kind) else None
 
 
 def _held(value: Any) -> Any:
-    """Return a number as it is, and a weak reference to an array or struct."""
-    return value if isinstance(value, (int, float)) else weakref.ref(value)
+    return value if isinstance(value, (int, float)) else ref(value)
+
+
+class _Launches(threading.local):
+    """Launches of a thread, as it changes them."""
+
+    def __init__(self) -> None:
+        self.known: dict[tuple[wp.Kernel, str, int | None], _Launch] = {}
+
+
+_launches = _Launches()

@@ -4,6 +4,7 @@ import gc
 import weakref
 
 import numpy as np
+import pytest
 import warp as wp
 
 from mmw.core.repeated_launch import launch_again
@@ -51,6 +52,34 @@ def test_each_changed_argument_counts(device: str) -> None:
     other = Weights()
     other.scale, other.shift = array(1.0), 0.0
     np.testing.assert_array_equal(launched(other, values, 1, 3), [1.0, 2.0, 3.0, 0.0])
+
+
+def test_numbers_and_arrays_are_checked_as_by_warp(device: str) -> None:
+    weights, out = Weights(), wp.zeros(4, dtype=wp.float64, device=device)
+    weights.scale, weights.shift = wp.ones(1, dtype=wp.float64, device=device), 0.5
+    values = wp.ones(4, dtype=wp.float64, device=device)
+    for power in (1, wp.int32(2), True):
+        launch_again(weigh_kernel, (4,), [weights, values, power, out], device)
+        np.testing.assert_array_equal(out.numpy(), np.full(4, 1.5))
+    for wrong, text in ((wp.ones(4, dtype=wp.float32, device=device), "dtype"), (weights, "expects an array")):
+        with pytest.raises(RuntimeError, match=text):
+            launch_again(weigh_kernel, (4,), [weights, wrong, 1, out], device)
+    with pytest.raises(RuntimeError, match="unable to pack"):
+        launch_again(weigh_kernel, (4,), [weights, values, "one", out], device)
+    launch_again(weigh_kernel, (4,), [weights, values, 1, out], device)
+    np.testing.assert_array_equal(out.numpy(), np.full(4, 1.5))
+
+
+def test_launches_are_recorded_with_a_graph(device: str) -> None:
+    weights, out = Weights(), wp.zeros(4, dtype=wp.float64, device=device)
+    weights.scale, weights.shift = wp.full(1, 3.0, dtype=wp.float64, device=device), 0.5
+    values = wp.ones(4, dtype=wp.float64, device=device)
+    launch_again(weigh_kernel, (4,), [weights, values, 1, out], device)
+    with wp.ScopedCapture(device, force_module_load=False) as capture:
+        launch_again(weigh_kernel, (4,), [weights, values, 1, out], device)
+    values.fill_(2.0)
+    wp.capture_launch(capture.graph)
+    np.testing.assert_array_equal(out.numpy(), np.full(4, 6.5))
 
 
 def test_arguments_are_not_kept_alive(device: str) -> None:
