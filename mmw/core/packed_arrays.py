@@ -59,11 +59,12 @@ class PackedArrays:
         self._block = self._twin = _memory(size, device)
         self._is_large = size > KEPT_BYTES
         self._is_kept = not self._is_large or (is_scratch and size <= KEPT_SCRATCH_BYTES)
+        self._is_pinned = self._is_kept or is_pinned
         self.arrays = _views(self._block, layouts, self._offsets)
         self.host: list[np.ndarray] = []
         if not is_scratch:
             if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
-                self._twin = _memory(size, "cpu", pinned=self._is_kept or is_pinned)
+                self._twin = _memory(size, "cpu", pinned=self._is_pinned)
             self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
         self._structs: dict[Any, Any] = {}
 
@@ -73,13 +74,19 @@ class PackedArrays:
             wp.copy(self._block, self._twin, stream=stream)
         return self.arrays
 
-    def download(self) -> list[np.ndarray]:
-        """Copy the block to the host, wait for that, and return the arrays there."""
+    def queue_download(self) -> None:
+        """Queue the copy to the host in the device's current stream; `download` copies a large block itself."""
+        if self._twin is not self._block and self._is_pinned:
+            wp.copy(self._twin, self._block)
+
+    def download(self, *, is_queued: bool = False) -> list[np.ndarray]:
+        """Copy the block to the host, if `queue_download` has not, wait for that, and return the arrays there."""
         if self._twin is self._block:
             return self.host
-        if not self._is_kept:
+        if not self._is_pinned:
             return _host_views(to_host([self._block])[0], self._key[1], self._offsets)
-        wp.copy(self._twin, self._block)
+        if not is_queued:
+            self.queue_download()
         wp.synchronize_stream(wp.get_stream(self._block.device))
         return self.host
 

@@ -86,20 +86,29 @@ def scalar_type(kind: Any) -> tuple[np.dtype, tuple[int, ...]]:
     return np.dtype(wp.dtype_to_numpy(scalar)), getattr(kind, "_shape_", ())
 
 
+def queue_bytes(source: wp.array, size: int, stream: wp.Stream) -> np.ndarray | None:
+    """Queue the copy of the first bytes of an array of a GPU, `uint8`, to a page-locked buffer; return them there.
+
+    They are undefined until the stream is waited for, and the buffer is free again as that of `to_host`. None if the
+    pool is full.
+    """
+    buffer = _allocate(size)
+    if buffer is None:
+        return None
+    wp.copy(buffer, source, count=size, stream=stream)
+    whole = buffer.numpy()
+    weakref.finalize(whole, _free.append, buffer)
+    return whole[:size]
+
+
 def _pinned(array: wp.array, stream: wp.Stream) -> np.ndarray | None:
     """Queue the copy of an array to a page-locked buffer and return its view; None if the pool is full."""
     size = array.size * wp.types.type_size_in_bytes(array.dtype)
     if size == 0:
         return None
-    buffer = _allocate(size)
-    if buffer is None:
-        return None
-    source = wp.array(ptr=array.ptr, shape=size, dtype=wp.uint8, device=array.device)
-    wp.copy(buffer, source, count=size, stream=stream)
-    whole = buffer.numpy()
-    weakref.finalize(whole, _free.append, buffer)
+    values = queue_bytes(wp.array(ptr=array.ptr, shape=size, dtype=wp.uint8, device=array.device), size, stream)
     kind, element = numpy_type(array)
-    return whole[:size].view(kind).reshape(*array.shape, *element)
+    return None if values is None else values.view(kind).reshape(*array.shape, *element)
 
 
 def _allocate(size: int) -> wp.array | None:

@@ -5,12 +5,14 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.recorded_work import Same
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
 from mmw.kernels.lidar import returns as lidar_returns
@@ -18,9 +20,12 @@ from mmw.kernels.lidar import trace as lidar
 from mmw.kernels.lidar.precipitation import Air
 from mmw.physics.materials.material import Material, wet_reflectance
 from mmw.physics.weather.weather import Weather
+from mmw.scene.device_scene import DeviceScene
+from mmw.scene.views import VIEW_TYPES
 from mmw.sensors.lidar.config import Lidar
 from mmw.sensors.lidar.precipitation import make_air
 from mmw.sensors.lidar.sweep_arrays import SweepArrays
+from mmw.sensors.samples import Array, Output
 
 RETURNS = {
     "strongest": lidar_returns.STRONGEST, "last": lidar_returns.LAST, "dual": lidar_returns.DUAL,
@@ -29,6 +34,9 @@ RETURNS = {
 
 BEYOND = 1e30
 """Slope of an overlap that begins and is full at one distance [1/m]."""
+
+KEY_COLUMN = len(VIEW_TYPES) + 1
+"""Place of the keys of random numbers in `SweepArrays.given`."""
 
 BLOCK_DIM = 64
 """Threads of a block that looks for echoes: rays of a block differ in length of work, and a small block waits less."""
@@ -43,6 +51,14 @@ class LidarHits:
     arrays: SweepArrays
     """Poses, motion and hits; the next sweep into the same arrays overwrites them."""
 
+    scene: DeviceScene | None = None
+    """None; else the rays are not traced yet: that is launched together with the returns of the first weather."""
+
+    @property
+    def traced(self) -> "LidarHits":
+        """The same, traced: what the other weathers take."""
+        return replace(self, scene=None)
+
     @property
     def rays(self) -> lidar.LidarRays:
         """First hits, shape [A, R]; ray r belongs to channel r // points_per_channel."""
@@ -55,16 +71,29 @@ class LidarHits:
 
 
 def shade_on_device(
-    hits: LidarHits, materials: Sequence[Material], weather: Weather, keys: np.ndarray, patch_key: tuple[int, int]
-) -> tuple[np.ndarray, wp.array]:
-    """Return the first point of every view, and N, shape [A + 1], int32; and the points, see `SweepArrays.gather`.
+    hits: LidarHits,
+    materials: Sequence[Material],
+    weather: Weather,
+    keys: np.ndarray,
+    patch_key: tuple[int, int],
+    output: Output = "warp",
+) -> tuple[np.ndarray, Array]:
+    """Return the first point of every view, and N, shape [A + 1], int32; and the points, see `SweepArrays.read`.
 
     See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
+    arrays = hits.arrays
     if hits.shape[0] == 0:
-        return np.zeros(1, dtype=np.int32), wp.empty(0, dtype=wp.uint8, device=hits.arrays.device)
-    find_returns(hits, materials, weather, keys, patch_key)
-    return hits.arrays.gather()
+        none = np.zeros(0, np.uint8) if output == "numpy" else wp.empty(0, dtype=wp.uint8, device=arrays.device)
+        return np.zeros(1, dtype=np.int32), none
+    finder = _Finder(hits, materials, weather, keys, patch_key)
+
+    def launch() -> None:
+        finder.launch()
+        arrays.gather()
+
+    arrays.run(finder.key, launch)
+    return arrays.read(output)
 
 
 def find_returns(
@@ -74,28 +103,63 @@ def find_returns(
 
     See `mmw.sensors.lidar.simulate.find_lidar_returns`.
     """
-    if not materials:
-        raise ValueError(
-            "find_lidar_returns: no materials; every id of the scene needs one; pass arrays.materials[weather]"
-        )
-    config, arrays, views = hits.config, hits.arrays, hits.shape[0]
-    if keys.shape != (views, 2):
-        raise ValueError(
-            f"find_lidar_returns: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys"
-        )
-    arrays.keys.host[0][:] = keys
-    (key,), outputs = arrays.keys.upload(), [arrays.returns, arrays.count]
-    if config.mode == "carla":
-        arguments = [arrays.rays, _carla(config), key, *outputs]
-        launch_again(lidar_returns.carla_kernel, hits.shape, arguments, str(arrays.device))
-    else:
-        device = str(arrays.device)
-        air = _air(config, weather, device, patch_key)
-        reflectance = _reflectance(config, weather, materials, device)
-        traced = [arrays.rays, arrays.views, arrays.sweep, arrays.time_s, arrays.pattern[0]]
-        inputs = [*traced, reflectance, air, detector(config), key]
-        launch_again(lidar_returns.physical_kernel, hits.shape, [*inputs, *outputs], device, BLOCK_DIM)
-    return arrays.returns, arrays.count
+    _Finder(hits, materials, weather, keys, patch_key).launch()
+    return hits.arrays.returns, hits.arrays.count
+
+
+class _Finder:
+    """Launches what finds the returns of traced rays in a weather.
+
+    Attributes:
+        key: All that decides what `launch` does, beside the values in arrays.
+    """
+
+    def __init__(
+        self,
+        hits: LidarHits,
+        materials: Sequence[Material],
+        weather: Weather,
+        keys: np.ndarray,
+        patch_key: tuple[int, int],
+    ) -> None:
+        """Write the keys of random numbers, and prepare the arguments."""
+        if not materials:
+            raise ValueError(
+                "find_lidar_returns: no materials; every id of the scene needs one; pass arrays.materials[weather]"
+            )
+        config, arrays, views = hits.config, hits.arrays, hits.shape[0]
+        if keys.shape != (views, 2):
+            raise ValueError(
+                f"find_lidar_returns: keys of shape {keys.shape}; {views} views need ({views}, 2); use view_keys"
+            )
+        arrays.given.host[KEY_COLUMN][:] = keys
+        self._hits, device = hits, str(arrays.device)
+        outputs = [arrays.returns, arrays.count]
+        if config.mode == "carla":
+            physics: list[Any] = [_carla(config)]
+            self._arguments = [arrays.rays, *physics, arrays.key, *outputs]
+        else:
+            physics = [
+                _reflectance(config, weather, materials, device),
+                _air(config, weather, device, patch_key),
+                detector(config),
+            ]
+            traced = [arrays.rays, arrays.views, arrays.sweep, arrays.time_s, arrays.pattern[0]]
+            self._arguments = [*traced, *physics, arrays.key, *outputs]
+        scene = None if hits.scene is None else hits.scene.struct
+        self.key = tuple(map(Same, (scene, *physics)))
+
+    def launch(self) -> None:
+        """Copy what the host gives, and launch."""
+        hits, arrays = self._hits, self._hits.arrays
+        arrays.given.upload()
+        if hits.scene is not None:
+            arrays.trace(hits.scene)
+        if hits.config.mode == "carla":
+            launch_again(lidar_returns.carla_kernel, hits.shape, self._arguments, str(arrays.device))
+        else:
+            kernel = lidar_returns.physical_kernel
+            launch_again(kernel, hits.shape, self._arguments, str(arrays.device), BLOCK_DIM)
 
 
 @remembered(owners=2, size=32)

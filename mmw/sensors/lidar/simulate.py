@@ -13,9 +13,7 @@ import warp as wp
 from mmw.core.frame_rate import seconds
 from mmw.core.kinematics import Motion, differentiate
 from mmw.core.random_keys import random_key
-from mmw.core.repeated_launch import launch_again
 from mmw.core.transfer import to_host
-from mmw.kernels.lidar import trace as lidar
 from mmw.physics.materials.material import Material
 from mmw.physics.weather.weather import Weather
 from mmw.scene.device_scene import DeviceScene
@@ -25,7 +23,7 @@ from mmw.sensors.lidar.points import PointCloud
 from mmw.sensors.lidar.returns import LidarHits, shade_on_device
 from mmw.sensors.lidar.scene_flow import scene_flow
 from mmw.sensors.lidar.sweep_arrays import SweepArrays
-from mmw.sensors.ray_batch import BLOCK_DIM, check_count
+from mmw.sensors.ray_batch import check_count
 from mmw.sensors.samples import Output
 from mmw.sensors.sensor_input import SensorInput
 from mmw.sensors.workspace import workspace
@@ -42,11 +40,12 @@ def sweeps(data: SensorInput, config: Lidar) -> Iterator[tuple[str, PointCloud]]
     In `carla` the random numbers are the same in every weather, because weather does nothing there.
     """
     arrays = data.scene.arrays
-    hits = trace_lidar_hits(data.scene, data.views, config, data.motion, data.cache)
+    hits = trace_lidar_hits(data.scene, data.views, config, data.motion, data.cache, True)
     for name, weather in data.weathers.items():
         keys = data.keys(name if config.mode == "physical" else "", config.name)
         patch_key = random_key(data.seed_of_scene, data.scenario, name, "fog")
         points = find_lidar_returns(hits, arrays.materials[name], weather, keys, patch_key, output=data.output)
+        hits = hits.traced
         yield name, _with_flow(data, points) if config.scene_flow else points
 
 
@@ -64,6 +63,7 @@ def trace_lidar_hits(
     config: Lidar,
     motion: Motion | None = None,
     store: dict[Any, Any] | None = None,
+    is_put_off: bool = False,
 ) -> LidarHits:
     """Return the first surface on every ray of every view.
 
@@ -75,6 +75,7 @@ def trace_lidar_hits(
         motion: `differentiate(scene.arrays.poses, scene.arrays.pose_dt)`, if at hand; only a rolling sweep looks at it.
         store: Where the arrays of small batches are kept, `SensorInput.cache`: the next hits of the same LiDAR then
             overwrite these. None for hits that stay.
+        is_put_off: Whether the launch waits for that of the first weather's returns (`LidarHits.scene`).
 
     Raises:
         InputError: If a view's frame is not loaded in the scene, or 32 bits cannot count the batch's returns.
@@ -85,17 +86,18 @@ def trace_lidar_hits(
     arrays = workspace(store, config, count, rays, lambda: SweepArrays(config, count, scene.device))
     if not count:
         return LidarHits(config, arrays)
-    *own, time_s, velocity, rate = arrays.given.host
+    *own, time_s, _, velocity, rate = arrays.given.host
     views.write(scene, own)
     time_s[:] = seconds(scene.arrays.numbers(views.frame), scene.arrays.rate_hz)
     if config.rolling:
         motion = motion or differentiate(scene.arrays.poses, scene.arrays.pose_dt)
         velocity[:], rate[:] = view_twists(scene.arrays, motion, views)
+    hits = LidarHits(config, arrays, scene)
+    if is_put_off:
+        return hits
     arrays.given.upload()
-    kernel, sweep = (lidar.rolling_kernel, [arrays.sweep]) if config.rolling else (lidar.lidar_kernel, [])
-    inputs = [scene.struct, arrays.views, *sweep, *arrays.pattern, config.range_m]
-    launch_again(kernel, arrays.shape, [*inputs, arrays.rays], str(arrays.device), BLOCK_DIM)
-    return LidarHits(config, arrays)
+    arrays.trace(scene)
+    return hits.traced
 
 
 def find_lidar_returns(
@@ -120,5 +122,5 @@ def find_lidar_returns(
     Raises:
         InputError: If there are no materials, or not one key a view.
     """
-    offsets, points = shade_on_device(hits, materials, weather, keys, patch_key)
+    offsets, points = shade_on_device(hits, materials, weather, keys, patch_key, output)
     return PointCloud(offsets, **hits.arrays.columns(points, int(offsets[-1]), output))

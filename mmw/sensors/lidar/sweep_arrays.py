@@ -3,24 +3,31 @@
 # Warp's structs and small number types are objects, not classes, to a type checker.
 # pyright: reportGeneralTypeIssues=false, reportArgumentType=false
 
+from collections.abc import Callable, Hashable
 from functools import cached_property
 
 import numpy as np
 import warp as wp
 
 from mmw.core.packed_arrays import PackedArrays
+from mmw.core.recorded_work import ReplayedLaunches
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
-from mmw.core.transfer import to_host
+from mmw.core.transfer import queue_bytes, to_host
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
 from mmw.kernels.lidar import trace as lidar
+from mmw.scene.device_scene import DeviceScene
 from mmw.scene.views import VIEW_TYPES
 from mmw.sensors.lidar.config import Lidar, sweep_duration
 from mmw.sensors.lidar.scan_pattern import lidar_order, lidar_pattern
-from mmw.sensors.ray_batch import empty_struct
+from mmw.sensors.ray_batch import BLOCK_DIM, empty_struct
 from mmw.sensors.samples import Array, Output
 from mmw.sensors.workspace import KEPT_RAYS
+
+SPARE_SHARE, SPARE_BYTES = 1.05, 1 << 14
+"""How much more than the returns of the last sweep is copied to the host before it is known how many there are now: a
+vehicle moves by 0.3 m meanwhile. Design values."""
 
 
 class SweepArrays:
@@ -33,13 +40,15 @@ class SweepArrays:
         views: Sensor poses, in the block `given`.
         sweep: Firing times, and the motion of the sensors meanwhile.
         time_s: Time of each view since the start of the scenario [s], shape [A].
-        given: Block of what the host gives for a sweep: the columns of `views`, time, velocity and rate of the sensors.
-        keys: Block of the key of each view's random numbers, shape [A], vec2ui.
+        key: Key of each view's random numbers, shape [A], vec2ui.
+        given: Block of what the host gives for a sweep: the columns of `views`, time, key, and velocity and rate of the
+            sensors.
         rays: First hits, shape [A, R].
         returns: Returns of every ray, shape [A, R, 1 or 2].
         count: How many they are, shape [A, R].
         up_to: Returns up to the end of each ray, shape [A, R].
         pattern: Directions of the rays in the sensor frame, and their numbers in the order of the threads, shape [R].
+        block: Returns that `gather` found, see `LidarPoints`; the next sweep writes to it again.
     """
 
     def __init__(self, config: Lidar, views: int, device: str, directions: np.ndarray | None = None):
@@ -58,15 +67,14 @@ class SweepArrays:
         moving = views if config.rolling else 0
         self.given = PackedArrays(
             device,
-            (*(((views,), kind) for kind in VIEW_TYPES), ((views,), wp.float32), *[((moving,), wp.vec3)] * 2),
+            tuple(((views,), kind) for kind in (*VIEW_TYPES, wp.float32, wp.vec2ui)) + (((moving,), wp.vec3),) * 2,
         )
-        *own, self.time_s, velocity, rate = self.given.arrays
+        *own, self.time_s, self.key, velocity, rate = self.given.arrays
         self.views, self.sweep = structs.Views(), lidar.Sweep()
         self.views.batch_index, self.views.pose, self.views.ignore = own
         self.sweep.points_per_channel = config.points_per_channel if directions is None else len(directions)
         if config.rolling:
             self.sweep.duration_s, self.sweep.velocity, self.sweep.rate = sweep_duration(config), velocity, rate
-        self.keys = PackedArrays(device, (((views,), wp.vec2ui),))
         self.rays = empty_struct(lidar.LidarRays, self.shape, device)
         slots = 2 if config.returns == "dual" else 1
         self.returns = wp.empty((*self.shape, slots), dtype=lidar_returns.LidarReturn, device=device)
@@ -74,6 +82,12 @@ class SweepArrays:
         self._flat = self.count.flatten(), self.up_to.flatten()
         self._ends = PackedArrays(device, (((views,), wp.int32),))
         self._return_bytes = 4 * (6 if config.rolling else 5) + (3 if slots == 2 else 2)
+        self.block = wp.empty(0, dtype=wp.uint8, device=device)
+        # A single frame does not wait for the number of returns; a large batch does not hold room for all rays.
+        self._is_small = self.returns.size <= KEPT_RAYS
+        is_replayed = self._is_small and self.given.is_kept and self._ends.is_kept
+        self._launches = ReplayedLaunches(str(device)) if is_replayed else None
+        self._likely_bytes = 0
 
     @cached_property
     def _points(self) -> lidar_returns.LidarPoints:
@@ -90,32 +104,61 @@ class SweepArrays:
             setattr(points, name, view)
         return points
 
-    def gather(self) -> tuple[np.ndarray, wp.array]:
-        """Gather the returns of all rays.
+    def run(self, key: Hashable, launch: Callable[[], None]) -> None:
+        """Launch, or replay what a small batch launched; see `ReplayedLaunches.run`."""
+        if self._launches is None:
+            launch()
+        else:
+            self._launches.run(key, launch)
 
-        Returns:
-            First point of every view, and N, shape [A + 1], int32; and the block that `LidarPoints` describes. It is
-            written to again by the next sweep.
-        """
+    def trace(self, scene: DeviceScene) -> None:
+        """Find the first hits of all rays, from what `given` holds on the device."""
+        kernel, sweep = (lidar.rolling_kernel, [self.sweep]) if self.config.rolling else (lidar.lidar_kernel, [])
+        inputs = [scene.struct, self.views, *sweep, *self.pattern, self.config.range_m]
+        launch_again(kernel, self.shape, [*inputs, self.rays], str(self.device), BLOCK_DIM)
+
+    def gather(self) -> None:
+        """Gather the returns of all rays in `block`; `read` waits for their number, as a large batch does here."""
         wp.utils.array_scan(*self._flat, inclusive=True)
-        # A single frame does not wait for the number of returns; a large batch does not hold room for all rays.
-        is_small = self.returns.size <= KEPT_RAYS
-        points = self._points if is_small else self._room(int(self._flat[1][-1:].numpy()[0]))
+        points = self._points if self._is_small else self._room(int(to_host([self._flat[1][-1:]])[0][0]))
         found = [self.rays, self.returns, self.count, self.up_to]
         inputs = [*found, self.pattern[0], self.views, self.sweep, self.config.deskew]
         kernel, outputs = lidar_returns.gather_kernel, [points, self._ends.arrays[0]]
-        if is_small:
+        if self._is_small:
             launch_again(kernel, self.shape, [*inputs, *outputs], str(self.device))
         else:
             wp.launch(kernel, self.shape, inputs, outputs, device=self.device)
-        offsets = np.zeros(self.shape[0] + 1, dtype=np.int32)
-        offsets[1:] = self._ends.download()[0]
-        size = self._return_bytes * int(offsets[-1])
-        return offsets, points.marks[:size]
+        self._ends.queue_download()
+        self.block = points.marks
 
-    def columns(self, block: wp.array, count: int, output: Output) -> dict[str, Array]:
-        """Return the columns of `gather`, as `PointCloud` has them, in memory of their own."""
-        kept = _host_block(block) if output == "numpy" else wp.clone(block)
+    def read(self, output: Output) -> tuple[np.ndarray, Array]:
+        """Wait for what `gather` launched.
+
+        Args:
+            output: Where the returns are wanted.
+
+        Returns:
+            First point of every view, and N, shape [A + 1], int32; and `block` in memory of its own.
+        """
+        device, offsets, queued = wp.get_device(self.device), np.zeros(self.shape[0] + 1, dtype=np.int32), None
+        if device.is_cuda:
+            stream = wp.get_stream(device)
+            if output == "numpy" and self._is_small and self._likely_bytes:  # one wait instead of two
+                queued = queue_bytes(self.block, min(self._likely_bytes, self.block.size), stream)
+            wp.synchronize_stream(stream)
+        offsets[1:] = self._ends.host[0]
+        size = self._return_bytes * int(offsets[-1])
+        self._likely_bytes = int(SPARE_SHARE * size) + SPARE_BYTES
+        if queued is not None and size <= queued.size:
+            return offsets, queued[:size]
+        if output == "warp":
+            return offsets, wp.clone(self.block[:size])
+        if device.is_cuda:
+            return offsets, to_host([self.block[:size]])[0] if size else np.zeros(0, dtype=np.uint8)
+        return offsets, self.block.numpy()[:size].copy()
+
+    def columns(self, kept: Array, count: int, output: Output) -> dict[str, Array]:
+        """Return the columns of the block of `read`, as `PointCloud` has them."""
         end = 4 * (6 if self.config.rolling else 5) * count
         found = {
             "values": _column(kept, 0, (4, count), wp.float32).transpose(),
@@ -135,13 +178,6 @@ class SweepArrays:
                     else wp.zeros(count, dtype=kind, device=self.device)
                 )
         return found
-
-
-def _host_block(block: wp.array) -> np.ndarray:
-    """Return a copy of a block of bytes on the host."""
-    if block.size == 0:
-        return np.zeros(0, dtype=np.uint8)
-    return block.numpy().copy() if wp.get_device(block.device).is_cpu else to_host([block])[0]
 
 
 def _column(block: Array, start: int, shape: tuple[int, ...], kind: type) -> Array:
