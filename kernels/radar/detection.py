@@ -1,8 +1,8 @@
-"""Draw echoes of resolution cells: fluctuating echoes in noise, rain clutter, and local maxima."""
+"""Draw random numbers of lists of cells, and rain clutter."""
 
 import warp as wp
 
-from mmw.kernels.core.noise import normal2, uniform4
+from mmw.kernels.core.noise import uniform4
 from mmw.kernels.radar.resolution_cells import CellGrid
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
@@ -26,19 +26,6 @@ class RainLink:
     """First draw of the random numbers."""
 
 
-@wp.struct
-class Candidates:
-    """Cells above the threshold, shape [D], ordered by view and range; there may be more room than candidates."""
-
-    view: wp.array[int]
-    """-1 where there is no candidate."""
-    range: wp.array[float]
-    velocity: wp.array[float]
-    y: wp.array[float]
-    z: wp.array[float]
-    power: wp.array[float]
-
-
 @wp.kernel
 def uniform_kernel(
     key: wp.array[wp.vec2ui],
@@ -51,23 +38,6 @@ def uniform_kernel(
     """Draw four uniform numbers for each item of a list. Launch: dim=N."""
     i = wp.tid()
     uniform_out[i] = uniform4(key[view[i]], item[i], draw[i])
-
-
-@wp.kernel
-def normal_kernel(
-    key: wp.array[wp.vec2ui],
-    view: wp.array[int],
-    item: wp.array[int],
-    draw: wp.array[int],
-    # out
-    normal_out: wp.array[wp.vec4],
-):
-    """Draw four standard normal numbers for each item of a list. Launch: dim=N."""
-    i = wp.tid()
-    u = uniform4(key[view[i]], item[i], draw[i])
-    first = normal2(u[0], u[1])
-    second = normal2(u[2], u[3])
-    normal_out[i] = wp.vec4(first[0], first[1], second[0], second[1])
 
 
 @wp.func
@@ -133,64 +103,3 @@ def rain_kernel(
             best_cell = step
     power_out[view, cell, direction] = best
     velocity_out[view, cell, direction] = best_cell
-
-
-@wp.func
-def is_within(a: float, b: float, step: float) -> bool:
-    """Return whether two positions are less than a step apart; a ten-thousandth of a step allows for rounding."""
-    return wp.abs(a - b) < 0.9999 * step
-
-
-@wp.func
-def is_within_ring(a: float, b: float, step: float, count: int) -> bool:
-    """Return the same on an axis of `count` cells that wraps around; on an axis of one cell all positions are one."""
-    ring = step * float(count)
-    gap = wp.abs(a - b)
-    return count == 1 or wp.min(gap, ring - gap) < 0.9999 * step
-
-
-@wp.func
-def is_closer_and_stronger(candidates: Candidates, grid: CellGrid, other: int, own: int) -> bool:
-    """Return whether `other` is less than a cell from `own` on every axis and stronger, or as strong and before it."""
-    if not is_within(candidates.range[other], candidates.range[own], grid.range_step):
-        return False
-    if not is_within_ring(candidates.velocity[other], candidates.velocity[own], grid.velocity_step, grid.velocities):
-        return False
-    if not is_within_ring(candidates.y[other], candidates.y[own], grid.y_step, grid.ys):
-        return False
-    if not is_within_ring(candidates.z[other], candidates.z[own], grid.z_step, grid.zs):
-        return False
-    if candidates.power[other] == candidates.power[own]:
-        return other < own
-    return candidates.power[other] > candidates.power[own]
-
-
-@wp.kernel
-def peak_kernel(
-    candidates: Candidates,
-    grid: CellGrid,
-    # out
-    is_peak_out: wp.array[int],
-):
-    """Mark the candidates without a stronger one less than a cell away on every axis. Launch: dim=D."""
-    own = wp.tid()
-    is_peak = wp.int32(1)
-    other = own - 1
-    while other >= 0 and is_peak == 1:
-        if candidates.view[other] != candidates.view[own]:
-            break
-        if candidates.range[own] - candidates.range[other] >= grid.range_step:
-            break
-        if is_closer_and_stronger(candidates, grid, other, own):
-            is_peak = 0
-        other -= 1
-    other = own + 1
-    while other < candidates.view.shape[0] and is_peak == 1:
-        if candidates.view[other] != candidates.view[own]:
-            break
-        if candidates.range[other] - candidates.range[own] >= grid.range_step:
-            break
-        if is_closer_and_stronger(candidates, grid, other, own):
-            is_peak = 0
-        other += 1
-    is_peak_out[own] = is_peak

@@ -2,7 +2,7 @@
 
 import warp as wp
 
-from mmw.kernels.radar.resolution_cells import OBJECT_BITS, CellGrid, parts_of, store_place
+from mmw.kernels.radar.resolution_cells import OBJECT_BITS, CellGrid, has_own_cell, parts_of, store_place
 from mmw.kernels.radar.trace import RadarRays
 
 wp.set_module_options({"enable_backward": False, "default_grid_stride": False, "fast_math": False})
@@ -32,6 +32,8 @@ class PathSums:
     """Object of the largest share of the powers by object and path, -1 for none."""
     path_type: wp.array[wp.uint8]
     """Path of that share."""
+    count: wp.array[int]
+    """Number of occupied cells, whether there is room for them or not, shape [1]."""
 
 
 @wp.kernel
@@ -41,6 +43,7 @@ def path_sum_kernel(
     key: wp.array[wp.int64],
     ray: wp.array[int],
     start: wp.array[int],
+    first_up_to: wp.array[int],
     is_coherent: int,
     # out
     sums_out: PathSums,
@@ -49,9 +52,11 @@ def path_sum_kernel(
 
     Positions are means weighted by the powers of the echoes, whatever their phases are.
 
-    Launch: dim=K.
+    Launch: dim=room for cells; the first K have a cell.
     """
     index = wp.tid()
+    if not has_own_cell(first_up_to, sums_out.count, index):
+        return
     first = start[index]
     place = key[first] >> wp.int64(OBJECT_BITS)
     total = wp.float64(0.0)

@@ -61,6 +61,8 @@ class CellSums:
     """Direction cosine along z; 0 where one antenna measures nothing [-]."""
     object_id: wp.array[int]
     """Object with the largest share of the power, -1 for none."""
+    count: wp.array[int]
+    """Number of occupied cells, whether there is room for them or not, shape [1]."""
 
 
 @wp.func
@@ -171,14 +173,20 @@ def cell_start_kernel(
     first_up_to: wp.array[int],
     # out
     start_out: wp.array[int],
-    occupied_out: wp.array[int],
 ):
-    """Write where each cell starts in the sorted rays, and the number of cells. Launch: dim=A * R."""
+    """Write where each cell starts in the sorted rays. Launch: dim=A * R."""
     i = wp.tid()
-    if i == 0:
-        occupied_out[0] = first_up_to[first_up_to.shape[0] - 1]
     if is_first[i] == 1:
         start_out[first_up_to[i] - 1] = i
+
+
+@wp.func
+def has_own_cell(first_up_to: wp.array[int], count_out: wp.array[int], index: int) -> bool:
+    """Return whether a thread has one of the occupied cells; the first thread writes how many these are."""
+    count = first_up_to[first_up_to.shape[0] - 1]
+    if index == 0:
+        count_out[0] = count
+    return index < count
 
 
 @wp.kernel
@@ -188,11 +196,17 @@ def cell_sum_kernel(
     key: wp.array[wp.int64],
     ray: wp.array[int],
     start: wp.array[int],
+    first_up_to: wp.array[int],
     # out
     sums_out: CellSums,
 ):
-    """Add up the rays of each cell, in the order of their keys and then of their numbers. Launch: dim=K."""
+    """Add up the rays of each cell, in the order of their keys and then of their numbers.
+
+    Launch: dim=room for cells; the first K have a cell.
+    """
     index = wp.tid()
+    if not has_own_cell(first_up_to, sums_out.count, index):
+        return
     first = start[index]
     place = key[first] >> wp.int64(OBJECT_BITS)
     total = wp.float64(0.0)

@@ -27,9 +27,6 @@ KEPT_BYTES = 4 << 30
 """Most memory of the arrays of all records of a `RecordedWork` [bytes]: the oldest are dropped beyond. An RGB image in
 one weather takes 170 bytes a pixel: 13 images of 640 x 480 take 0.7 GB. Design value."""
 
-KEPT_GRAPHS = 16
-"""Most records of a `ReplayedLaunches`: one for each weather and scene that a sensor meets; design value."""
-
 
 class Same:
     """Names an object by its identity in the key of recorded work."""
@@ -340,42 +337,6 @@ class RecordedWork(Work):
         size = sum(record.arrays.size for record in self._records.values())
         while size > KEPT_BYTES and len(self._records) > 1:
             size -= self._records.popitem(last=False)[1].arrays.size
-
-
-class ReplayedLaunches:
-    """Launches and copies on arrays that their owner keeps, in a device's current stream.
-
-    On CUDA they are made directly at the first call with a key, recorded at the second one, and replayed as one call
-    from then on. On the CPU nothing is gained by a record, so there is none. See `can_record`.
-    """
-
-    def __init__(self, device: str) -> None:
-        """Hold no record yet."""
-        self._device = device
-        self._is_recorded = wp.get_device(device).is_cuda and can_record(device)
-        self._graphs: OrderedDict[Hashable, wp.Graph | None] = OrderedDict()
-
-    def run(self, key: Hashable, launch: Callable[[], None]) -> None:
-        """Launch.
-
-        Args:
-            key: All that decides what `launch` does, beside the values in arrays; `Same` for objects.
-            launch: Launches kernels, and queues copies between the device and page-locked memory; it does not wait.
-        """
-        if not self._is_recorded:
-            launch()
-        elif key not in self._graphs:
-            launch()
-            self._graphs[key] = None
-            if len(self._graphs) > KEPT_GRAPHS:
-                self._graphs.popitem(last=False)
-        else:
-            graph = self._graphs[key]
-            if graph is None:
-                with wp.ScopedCapture(self._device, force_module_load=False) as capture:
-                    launch()
-                graph = self._graphs[key] = capture.graph
-            wp.capture_launch(graph)
 
 
 def _layouts(inputs: Sequence[Input]) -> tuple[Layout, ...]:

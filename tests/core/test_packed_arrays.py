@@ -18,6 +18,9 @@ def test_a_block_goes_to_the_device_and_back(device, rows):
     numbers.fill_(4)
     found = block.download()
     assert (found[0] == 4).all() and (found[1] == 0.5).all()
+    numbers.fill_(5)
+    block.queue_download()
+    assert (block.download(is_queued=True)[0] == 5).all()
     block.release()
 
 

@@ -25,10 +25,13 @@ def test_samples_stay_when_the_arrays_are_traced_into_again(device: str, sensor:
     scene, weathers = context(street(), device, 1), ["sunny", "rainy"]
     first = capture(scene, sensor, pose=FREE, weather=weathers)
     second = capture(scene, sensor, pose=OTHER, weather=weathers)
+    again = [capture(scene, sensor, pose=pose, weather="rainy") for pose in (FREE, OTHER, FREE, OTHER)]  # replayed
     assert len(scene.cache["workspaces"]) == 1
     for weather in weathers:
         for pose, found in ((FREE, first), (OTHER, second)):
             assert_same(capture(context(street(), device, 1), sensor, pose=pose, weather=weather), found[weather])
+    for found, wanted in zip(again, (first, second) * 2, strict=True):
+        assert_same(found, wanted["rainy"])
 
 
 @each_sensor

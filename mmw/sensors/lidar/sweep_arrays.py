@@ -10,9 +10,9 @@ import numpy as np
 import warp as wp
 
 from mmw.core.packed_arrays import PackedArrays
-from mmw.core.recorded_work import ReplayedLaunches
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
+from mmw.core.replayed_launches import ReplayedLaunches
 from mmw.core.transfer import queue_bytes, to_host
 from mmw.kernels.core import structs
 from mmw.kernels.lidar import returns as lidar_returns
@@ -68,6 +68,7 @@ class SweepArrays:
         self.given = PackedArrays(
             device,
             tuple(((views,), kind) for kind in (*VIEW_TYPES, wp.float32, wp.vec2ui)) + (((moving,), wp.vec3),) * 2,
+            is_pinned=True,
         )
         *own, self.time_s, self.key, velocity, rate = self.given.arrays
         self.views, self.sweep = structs.Views(), lidar.Sweep()
@@ -80,13 +81,12 @@ class SweepArrays:
         self.returns = wp.empty((*self.shape, slots), dtype=lidar_returns.LidarReturn, device=device)
         self.count, self.up_to = (wp.empty(self.shape, dtype=int, device=device) for _ in range(2))
         self._flat = self.count.flatten(), self.up_to.flatten()
-        self._ends = PackedArrays(device, (((views,), wp.int32),))
+        self._ends = PackedArrays(device, (((views,), wp.int32),), is_pinned=True)
         self._return_bytes = 4 * (6 if config.rolling else 5) + (3 if slots == 2 else 2)
         self.block = wp.empty(0, dtype=wp.uint8, device=device)
         # A single frame does not wait for the number of returns; a large batch does not hold room for all rays.
         self._is_small = self.returns.size <= KEPT_RAYS
-        is_replayed = self._is_small and self.given.is_kept and self._ends.is_kept
-        self._launches = ReplayedLaunches(str(device)) if is_replayed else None
+        self._launches = ReplayedLaunches(str(device))
         self._likely_bytes = 0
 
     @cached_property
@@ -104,12 +104,12 @@ class SweepArrays:
             setattr(points, name, view)
         return points
 
-    def run(self, key: Hashable, launch: Callable[[], None]) -> None:
+    def run(self, key: tuple[Hashable, ...], launch: Callable[[], None]) -> None:
         """Launch, or replay what a small batch launched; see `ReplayedLaunches.run`."""
-        if self._launches is None:
-            launch()
+        if self._is_small:
+            self._launches.run(launch, *key)
         else:
-            self._launches.run(key, launch)
+            launch()
 
     def trace(self, scene: DeviceScene) -> None:
         """Find the first hits of all rays, from what `given` holds on the device."""
@@ -141,12 +141,9 @@ class SweepArrays:
             First point of every view, and N, shape [A + 1], int32; and `block` in memory of its own.
         """
         device, offsets, queued = wp.get_device(self.device), np.zeros(self.shape[0] + 1, dtype=np.int32), None
-        if device.is_cuda:
-            stream = wp.get_stream(device)
-            if output == "numpy" and self._is_small and self._likely_bytes:  # one wait instead of two
-                queued = queue_bytes(self.block, min(self._likely_bytes, self.block.size), stream)
-            wp.synchronize_stream(stream)
-        offsets[1:] = self._ends.host[0]
+        if device.is_cuda and output == "numpy" and self._is_small and self._likely_bytes:  # one wait instead of two
+            queued = queue_bytes(self.block, min(self._likely_bytes, self.block.size), wp.get_stream(device))
+        offsets[1:] = self._ends.download(is_queued=True)[0]
         size = self._return_bytes * int(offsets[-1])
         self._likely_bytes = int(SPARE_SHARE * size) + SPARE_BYTES
         if queued is not None and size <= queued.size:

@@ -51,7 +51,7 @@ def radar_maps(
         step, behind = grid.velocity_step, len(y_cells) * z_count
     shape = (len(keys), grid.ranges, columns)
     power = _noise(config, shape, behind, keys, MAP_DRAW[kind], device)
-    _add_echoes(config, kind, grid, int(first), cells, cell_echoes(config, cells, keys, device), power)
+    _add_echoes(config, kind, grid, int(first), cells, cell_echoes(config, cells, keys), power)
     if clutter is not None:
         _add_rain(kind, grid, int(first), clutter, power)
     values = decibels(power * 1000.0)

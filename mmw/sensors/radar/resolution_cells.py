@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.errors import InputError
-from mmw.core.packed_arrays import padded_count
+from mmw.core.packed_arrays import PackedArrays, padded_count
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
 from mmw.kernels.radar import path_sums
@@ -26,6 +26,10 @@ MAX_PLACES = 2 ** (63 - 24)
 """Cells of a batch: with the object they make a key of 63 bits."""
 
 
+COLUMNS = tuple(radar_cells.CellSums.vars)[:-1]
+"""Columns of sums, in the order of `RadarCells`, which has one more with multipath."""
+
+
 @dataclass(frozen=True)
 class SortedRays:
     """Rays of a batch in the order of their cells, on the device: geometry only, so it serves every weather."""
@@ -35,8 +39,6 @@ class SortedRays:
     """Views of the batch, A."""
     arrays: CellArrays
     """Sorted keys and numbers of the rays, and where the cells start."""
-    occupied: int
-    """Number of occupied cells, K."""
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,20 @@ def number(grid: radar_cells.CellGrid, r: np.ndarray, v: np.ndarray, y: np.ndarr
     return (((r * grid.velocities + v) * grid.ys + y) * grid.zs + z).astype(np.int32)
 
 
+def cell_order(config: Radar, rays: radar.RadarRays, arrays: CellArrays | None = None) -> SortedRays:
+    """Return what `bin_rays` returns, before anything is sorted."""
+    grid = cell_grid(config)
+    views, per_view = rays.range.shape
+    if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MAX_PLACES:
+        raise InputError(
+            f"sensor {config.name}: {views} views have more than 2^39 resolution cells; keys hold no more; "
+            "lower compute.batch_frames"
+        )
+    if arrays is None or arrays.shape != (views, per_view):
+        arrays = CellArrays(views, per_view, rays.range.device)
+    return SortedRays(grid, views, arrays)
+
+
 def bin_rays(config: Radar, rays: radar.RadarRays, arrays: CellArrays | None = None) -> SortedRays:
     """Return the rays of a batch in the order of their resolution cells, and where each occupied cell starts.
 
@@ -139,51 +155,71 @@ def bin_rays(config: Radar, rays: radar.RadarRays, arrays: CellArrays | None = N
     Raises:
         InputError: If the batch has more cells than a key can hold.
     """
-    grid = cell_grid(config)
-    views, per_view = rays.range.shape
-    if views * grid.ranges * grid.velocities * grid.ys * grid.zs >= MAX_PLACES:
-        raise InputError(
-            f"sensor {config.name}: {views} views have more than 2^39 resolution cells; keys hold no more; "
-            "lower compute.batch_frames"
-        )
-    if arrays is None or arrays.shape != (views, per_view):
-        arrays = CellArrays(views, per_view, rays.range.device)
-    count, device = views * per_view, arrays.device
+    order = cell_order(config, rays, arrays)
+    sort_rays(order, rays)
+    return order
+
+
+def sort_rays(order: SortedRays, rays: radar.RadarRays) -> None:
+    """Launch what sorts the rays of an order."""
+    arrays = order.arrays
+    count, device = math.prod(arrays.shape), arrays.device
     if count == 0:
-        return SortedRays(grid, views, arrays, 0)
-    launch_again(radar_cells.cell_key_kernel, (views, per_view), [rays, grid, arrays.key, arrays.ray], device)
+        return
+    launch_again(radar_cells.cell_key_kernel, arrays.shape, [rays, order.grid, arrays.key, arrays.ray], device)
     wp.utils.radix_sort_pairs(arrays.key, arrays.ray, count)
     launch_again(radar_cells.is_first_kernel, (count,), [arrays.sorted[0], arrays.is_first], device)
     wp.utils.array_scan(arrays.is_first, arrays.first_up_to, inclusive=True)
-    arguments = [arrays.is_first, arrays.first_up_to, arrays.start, arrays.occupied.arrays[0]]
-    launch_again(radar_cells.cell_start_kernel, (count,), arguments, device)
-    occupied = int(arrays.occupied.download()[0][0])
-    return SortedRays(grid, views, arrays, occupied)
+    launch_again(radar_cells.cell_start_kernel, (count,), [arrays.is_first, arrays.first_up_to, arrays.start], device)
 
 
-def sum_cells(order: SortedRays, rays: radar.RadarRays, *, coherent: bool = False) -> RadarCells:
+def queue_sums(order: SortedRays, rays: radar.RadarRays, *, coherent: bool = False) -> PackedArrays:
+    """Launch the sums of as many cells as there is room for, and their copy to the host; return their block."""
+    arrays = order.arrays
+    inputs = [rays, order.grid, *arrays.sorted, arrays.start, arrays.first_up_to]
+    if coherent or _has_paths(rays):
+        struct, kernel = path_sums.PathSums, path_sums.path_sum_kernel
+        inputs.append(int(coherent))
+    else:
+        struct, kernel = radar_cells.CellSums, radar_cells.cell_sum_kernel
+    block = arrays.sums(struct)
+    launch_again(kernel, (arrays.room,), [*inputs, block.struct(struct, *struct.vars)], arrays.device)
+    block.queue_download()
+    return block
+
+
+def _has_paths(rays: radar.RadarRays) -> bool:
+    return rays.path_type is not None  # an array, with multipath
+
+
+def sum_cells(
+    order: SortedRays, rays: radar.RadarRays, *, coherent: bool = False, queued: PackedArrays | None = None
+) -> RadarCells:
     """Return what the occupied cells return in one weather; cells without any power have no row.
+
+    The next sums of the same arrays may overwrite the values.
 
     Args:
         order: From `bin_rays`, for rays that differ from these in power and phase at most.
         rays: Echoes [A, R] in the weather.
         coherent: True adds up complex amplitudes, by the phases of the rays, False powers.
+        queued: What `queue_sums` returned, if the sums are launched already.
     """
-    count, arrays = order.occupied, order.arrays
-    inputs = [rays, order.grid, *arrays.sorted, arrays.start]
-    has_paths = rays.path_type is not None  # an array, with multipath
-    if coherent or has_paths:
-        struct, kernel = path_sums.PathSums, path_sums.path_sum_kernel
-        inputs.append(int(coherent))
-    else:
-        struct, kernel = radar_cells.CellSums, radar_cells.cell_sum_kernel
-    names = list(struct.vars)
-    block = arrays.sums(struct, padded_count(count))
-    launch_again(kernel, (count,), [*inputs, block.struct(struct, *names)], arrays.device)
-    columns = {name: column[:count] for name, column in zip(names, block.download(), strict=True)}
-    if not has_paths:
-        columns.pop("path_type", None)
-    has_power = columns["power"] > 0.0
-    values = {name: column[has_power] for name, column in columns.items()}  # copies
-    offsets = np.searchsorted(values["view"], np.arange(order.views + 1)).astype(np.int32)
-    return RadarCells(offsets, **values)
+    arrays = order.arrays
+    if not math.prod(arrays.shape):
+        none = (
+            np.zeros(0, dtype=np.int32 if name in ("view", "cell", "object_id") else np.float32) for name in COLUMNS
+        )
+        return RadarCells(np.zeros(order.views + 1, dtype=np.int32), *none)
+    while True:
+        block = queue_sums(order, rays, coherent=coherent) if queued is None else queued
+        *columns, (count,) = block.download(is_queued=True)
+        if count <= arrays.room:
+            break
+        arrays.room, queued = padded_count(int(count)), None
+    has_power = columns[COLUMNS.index("power")][:count] > 0.0
+    columns = [column[:count] for column in columns]
+    if not has_power.all():
+        columns = [column[has_power] for column in columns]
+    offsets = np.searchsorted(columns[0], np.arange(order.views + 1)).astype(np.int32)
+    return RadarCells(offsets, *(columns if _has_paths(rays) else columns[: len(COLUMNS)]))

@@ -12,6 +12,7 @@ import warp as wp
 
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
+from mmw.core.transfer import to_host
 from mmw.kernels.radar import trace as radar
 from mmw.physics.em.attenuation import path_loss_db
 from mmw.physics.materials.material import Material
@@ -68,27 +69,40 @@ def trace_radar(
     documentation says. Stratified sampling: M. Pharr, W. Jakob, G. Humphreys, Physically Based Rendering.
     """
     device, rays = scene.device, config.ray_count
+    arrays = RadarArrays(len(views), rays, device) if arrays is None else arrays
+    place_rays(scene, views, velocity, config, keys, arrays)
+    launch_rays(scene, config, arrays)
+    return arrays.hits
+
+
+def place_rays(
+    scene: DeviceScene, views: Views, velocity: np.ndarray, config: Radar, keys: np.ndarray, arrays: RadarArrays
+) -> None:
+    """Write what `launch_rays` copies to the device; see `trace_radar`."""
     for name, values, width in (("velocity", velocity, 3), ("keys", keys, 2)):
         if np.shape(values) != (len(views), width):
             raise ValueError(
                 f"radar: {name} has shape {np.shape(values)}; one row a view is needed, ({len(views)}, {width}); make "
                 "it from the same views"
             )
-    check_count("radar", len(views), rays)
-    arrays = RadarArrays(len(views), rays, device) if arrays is None else arrays
-    if len(views) == 0:
-        return arrays.hits
-    *own, velocity_out, key_out = arrays.given.host
-    views.write(scene, own)
-    velocity_out[:], key_out[:] = velocity, keys
+    check_count("radar", len(views), config.ray_count)
+    if len(views):
+        *own, velocity_out, key_out = arrays.given.host
+        views.write(scene, own)
+        velocity_out[:], key_out[:] = velocity, keys
+
+
+def launch_rays(scene: DeviceScene, config: Radar, arrays: RadarArrays) -> None:
+    """Launch what finds the hits of rays that are placed."""
+    if not arrays.shape[0]:
+        return
     arrays.given.upload()
     common = [scene.struct, arrays.views, arrays.velocity, arrays.key]
     if config.mode == "carla":
         kernel, inputs = radar.carla_kernel, [*common, _carla_plane(config)]
     else:
         kernel, inputs = radar.grid_kernel, [*common, radar_grid(config), config.range_m]
-    launch_again(kernel, (len(views), rays), [*inputs, arrays.hits], arrays.device, BLOCK_DIM)
-    return arrays.hits
+    launch_again(kernel, arrays.shape, [*inputs, arrays.hits], arrays.device, BLOCK_DIM)
 
 
 @remembered(size=32)
@@ -194,7 +208,8 @@ def decibels(values: np.ndarray) -> np.ndarray:
 
 def carla_points(hits: radar.RadarHits) -> RadarPoints:
     """Return what CARLA's radar reports: every ray with a hit, in the order of the rays."""
-    return _points(hits, hits.object_id.numpy() >= 0, None, None, None)
+    columns = to_host([getattr(hits, name) for name in SHARED])
+    return _points(columns, columns[-1] >= 0, None, None, None)
 
 
 def dense_points(rays: radar.RadarRays, config: Radar) -> RadarPoints:
@@ -202,24 +217,27 @@ def dense_points(rays: radar.RadarRays, config: Radar) -> RadarPoints:
 
     Echoes of multipath follow those of all rays of their view.
     """
-    power, rcs = rays.power.numpy(), rays.rcs.numpy()
+    has_paths = config.multipath != "none"
+    names = (*SHARED, "power", "rcs", *(("path_type",) if has_paths else ()))
+    found = to_host([getattr(rays, name) for name in names])
+    columns, power, rcs = found[: len(SHARED)], found[len(SHARED)], found[len(SHARED) + 1]
     is_echo = power > 0.0
     power_w = power[is_echo].astype(np.float64)
     points = _points(
-        rays, is_echo, decibels(power_w * 1000.0), decibels(power_w / config.noise_w), decibels(rcs[is_echo])
+        columns, is_echo, decibels(power_w * 1000.0), decibels(power_w / config.noise_w), decibels(rcs[is_echo])
     )
-    return points if config.multipath == "none" else replace(points, path_type=rays.path_type.numpy()[is_echo])
+    return replace(points, path_type=found[-1][is_echo]) if has_paths else points
 
 
 def _points(
-    rays: "radar.RadarHits | radar.RadarRays",
+    columns: Sequence[np.ndarray],
     is_kept: np.ndarray,
     power_db: np.ndarray | None,
     snr_db: np.ndarray | None,
     rcs_dbsm: np.ndarray | None,
 ) -> RadarPoints:
+    """Return some of the rays, by the columns of `SHARED`."""
     offsets = np.concatenate([[0], np.cumsum(is_kept.sum(axis=1))]).astype(np.int32)
-    lists = (getattr(rays, name).numpy()[is_kept] for name in ("range", "azimuth", "elevation", "velocity"))
-    object_id = rays.object_id.numpy()[is_kept]
+    *lists, object_id = (column[is_kept] for column in columns)
     label = np.full(len(object_id), LABEL_OBJECT, dtype=np.uint8)
     return RadarPoints(offsets, *lists, power_db, snr_db, rcs_dbsm, object_id, label)

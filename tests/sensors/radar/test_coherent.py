@@ -117,5 +117,5 @@ def test_steady_echoes_are_detected_by_marcums_q(device, snr_db):
     chance = scipy.stats.ncx2.sf(-2.0 * np.log(1e-4), 2, 2.0 * snr)
     sigma = np.sqrt(len(places) * chance * (1.0 - chance))
     assert (found.label == LABEL_OBJECT).sum() == pytest.approx(len(places) * chance, abs=4.0 * sigma)
-    echo = cell_echoes(config, cells, make_keys(1, f"q {snr_db}"), device) / config.noise_w
+    echo = cell_echoes(config, cells, make_keys(1, f"q {snr_db}")) / config.noise_w
     assert echo.mean() == pytest.approx(1.0 + snr, abs=4.0 * np.sqrt((1.0 + 2.0 * snr) / len(echo)))

@@ -11,12 +11,14 @@ from mmw.core.transforms import pose_from_ypr
 from mmw.physics.weather.optics import marshall_palmer
 from mmw.physics.weather.weather import PRESETS, Weather
 from mmw.sensors import Radar
+from mmw.sensors.radar import detection
 from mmw.sensors.radar.detection import cell_echoes, detect
 from mmw.sensors.radar.points import LABEL_FALSE_ALARM, LABEL_OBJECT, LABEL_RAIN
 from mmw.sensors.radar.rain_clutter import cell_volume, fall_speed, rain_backscatter, rain_clutter
 from mmw.sensors.radar.resolution_cells import angle_cells, cell_grid, unravel
 from mmw.sensors.radar.trace import air_loss_db_per_km, radome_loss_db
 from tests.fixtures.radar_points import detections, make_cells, make_keys, target
+from tests.oracles import radar_detections
 
 RAIN_TABLE = Path(__file__).parents[2] / "reference" / "weather" / "radar_rain_77ghz.csv"
 QUIET = {"false_alarm_probability": 1e-12}
@@ -69,7 +71,7 @@ def test_probability_of_detection(device, snr_db):
 
 def test_echoes_fluctuate_as_swerlings_first_case(device):
     cells = make_cells(SMALL, device, [np.array([target(SMALL, place, 6.0) for place in PLACES])])
-    echo = np.sort(cell_echoes(SMALL, cells, make_keys(1), device) / (SMALL.noise_w * (1.0 + 10.0**0.6)))
+    echo = np.sort(cell_echoes(SMALL, cells, make_keys(1)) / (SMALL.noise_w * (1.0 + 10.0**0.6)))
     steps = np.arange(1, len(echo) + 1) / len(echo)
     distance = np.abs(1.0 - np.exp(-echo) - steps).max()
     assert distance < 1.63 / math.sqrt(len(echo))  # Kolmogorov-Smirnov, 1 %
@@ -184,6 +186,32 @@ def test_batches_do_not_matter(device):
         assert np.concatenate(alone).tobytes() == getattr(together, name).tobytes(), name
     assert np.all(np.diff(together.range)[np.diff(np.repeat(np.arange(3), np.diff(together.offsets))) == 0] > -0.6)
     assert np.abs(together.velocity).max() <= grid.velocity_step * grid.velocities / 2.0
+
+
+@pytest.mark.parametrize("weather", ["sunny", "heavy_rain"])
+@pytest.mark.parametrize("changes", [{}, {"elevation_antennas": 1}, {"coherent": True}], ids=["4x16", "16", "coherent"])
+def test_points_equal_the_oracle(device, weather, changes, monkeypatch):
+    """Also where there is no room for them at first; float32 holds 7 digits, and a direction near the edge 4."""
+    monkeypatch.setattr(detection, "LIKELY_ECHOES", 0)
+    config = SMALL.model_copy(update={"false_alarm_probability": 1e-4, **changes})
+    rng = np.random.default_rng(7)
+    views = [
+        np.array([target(config, (r, v, y, 0.0), s, i) for i, (r, v, y, s) in enumerate(rows)])
+        for rows in rng.uniform([2, -20, -5, 0], [190, 20, 5, 40], (3, 200, 4))
+    ]
+    pose, keys = np.tile(pose_from_ypr([0, 0, 4], 0.3, 0.1, 0.0), (3, 1)), make_keys(3)
+    clutter = rain_clutter(config, PRESETS[weather], pose, np.zeros((3, 3)), keys, device)
+    cells = make_cells(config, device, views)
+    found = detect(config, cells, clutter, keys, device)
+    wanted = radar_detections.detections(config, cells, clutter, keys)
+    np.testing.assert_array_equal(np.diff(found.offsets), np.bincount(wanted.pop("view"), minlength=3))
+    assert set(found.label) == (
+        {LABEL_OBJECT, LABEL_FALSE_ALARM} | ({LABEL_RAIN} if weather == "heavy_rain" else set())
+    )
+    for name in ("object_id", "label"):
+        np.testing.assert_array_equal(getattr(found, name), wanted.pop(name), name)
+    for name, values in wanted.items():
+        np.testing.assert_allclose(getattr(found, name), values, rtol=2e-6, atol=5e-6, err_msg=name)
 
 
 def test_too_many_cells_is_an_error():
