@@ -23,7 +23,7 @@ LABEL_FALSE_ALARM = wp.constant(2)
 
 @wp.struct
 class Receiver:
-    """What decides over a detection, and what it measures."""
+    """Limits of a detection, and the scales of what is measured."""
 
     noise: wp.float64
     """Noise power of a cell [W]."""
