@@ -4,12 +4,12 @@ are a few hundred and each depends on those beside it.
 
 import warp as wp
 
-from mmw.kernels.core.compiler import DOUBLE_PRECISION
+from mmw.kernels.core.compiler import AS_NUMPY
 from mmw.kernels.core.noise import normal2, uniform4
 from mmw.kernels.radar.resolution_cells import CellGrid
 from mmw.kernels.radar.thresholds import ERROR_DRAW, LABEL_OBJECT, Echoes, Receiver
 
-wp.set_module_options({**DOUBLE_PRECISION, "fuse_fp": False})
+wp.set_module_options(AS_NUMPY)
 
 BARTON = wp.constant(wp.float64(1.6))
 """Slope of an estimator of a peak: its error is step / (1.6 sqrt(2 SNR)). Source: D. Barton, Modern Radar System

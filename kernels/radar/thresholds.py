@@ -2,11 +2,11 @@
 
 import warp as wp
 
-from mmw.kernels.core.compiler import DOUBLE_PRECISION
+from mmw.kernels.core.compiler import AS_NUMPY
 from mmw.kernels.core.noise import normal2, uniform4
 from mmw.kernels.radar.resolution_cells import CellGrid, centred, wrapped
 
-wp.set_module_options({**DOUBLE_PRECISION, "fuse_fp": False})
+wp.set_module_options(AS_NUMPY)
 
 ECHO_DRAW = wp.constant(0)
 ERROR_DRAW = wp.constant(1)

@@ -38,7 +38,9 @@ BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
 HOST_MODULES = ("core.bodies", "core.body_motion")
 """Modules that every run launches on the host, also with a GPU."""
 
-SENSORS_ON_HOST = frozenset(("core.random_series", "navigation.gnss", "navigation.imu"))
+SENSORS_ON_HOST = frozenset(
+    ("core.random_series", "navigation.gnss", "navigation.imu", "radar.estimates", "radar.thresholds")
+)
 """Modules of sensors that are launched on the host, also with a GPU."""
 
 POLL_S = 0.1

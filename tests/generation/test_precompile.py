@@ -39,7 +39,8 @@ def test_what_is_needed_follows_the_sensors() -> None:
     lidar = needed_modules(config_with("sensors=[{type: lidar}]", "channel.enabled=false"))
     assert set(lidar) == {*ALWAYS, "lidar.trace", "lidar.returns"}
     radar = needed_modules(config_with("sensors=[{type: radar}]", "channel.enabled=false"))
-    assert set(radar) == {*ALWAYS, "radar.trace", "radar.resolution_cells", "radar.detection"}
+    on_host = {"radar.thresholds", "radar.estimates"}
+    assert set(radar) == {*ALWAYS, "radar.trace", "radar.resolution_cells", *on_host}
     paths = needed_modules(config_with("sensors=[{type: radar, multipath: full}]", "channel.enabled=false"))
     assert set(paths) - set(radar) == {"radar.bounce_paths", "radar.echo_paths", "radar.path_sums"}
     carla = needed_modules(config_with("sensors=[{type: radar, mode: carla}]", "channel.enabled=false"))
@@ -51,7 +52,7 @@ def test_what_is_needed_follows_the_sensors() -> None:
     assert set(imu) == {*ALWAYS, "navigation.imu"}
     gnss = needed_modules(config_with("sensors=[{type: gnss, mode: physical}]", "channel.enabled=false"))
     assert set(gnss) == {*ALWAYS, "navigation.gnss", "core.random_series"}
-    assert {*imu, *gnss} - ALWAYS == SENSORS_ON_HOST
+    assert {*imu, *gnss, *on_host} - ALWAYS == SENSORS_ON_HOST
     everything = needed_modules(config_with())
     assert all((KERNELS / f"{name.replace('.', '/')}.py").is_file() for name in everything)
     assert len(set(everything)) == len(everything)

@@ -35,9 +35,9 @@ def _estimate(config: Radar) -> Estimate:
 def _kernels(config: Radar, on_gpu: bool) -> Mapping[str, float]:
     modules = {"radar.trace": 3}
     if config.mode == "physical" and config.output == "detections":
-        modules |= {"radar.resolution_cells": 1, "radar.detection": 1}
-        if not on_gpu:  # they run on the CPU
-            modules |= {"radar.thresholds": 2, "radar.estimates": 2}
+        modules |= {"radar.resolution_cells": 1, "radar.thresholds": 2, "radar.estimates": 1}
+        if config.maps:
+            modules["radar.detection"] = 1
         if config.needs_paths:
             modules["radar.path_sums"] = 1
     if config.needs_paths:
