@@ -1,8 +1,8 @@
 """Make rows of table `lidar`."""
 
-import numpy as np
 import pyarrow as pa
 
+from mmw.core.remember import remembered
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, sample_columns
 from mmw.scene.views import Views
@@ -16,13 +16,18 @@ LISTS = ("x", "y", "z", "intensity", "ring", "object_id", "label", "time_offset"
 
 def lidar_rows(arrays: SceneData, sensor: str, views: Views, points: PointCloud) -> Columns:
     """Return rows of the `lidar` table for one sensor: one sweep a row."""
-    flow, none = points.scene_flow, pa.nulls(len(views), list_of(F32))
+    flow, offsets = points.scene_flow, points.offsets
     return {
         **sample_columns(arrays, sensor, views.frame, views.actor),
-        "point_count": np.diff(points.offsets).astype(np.int32),
-        **{name: ListColumn(points.offsets, getattr(points, name)) for name in LISTS},
+        "point_count": offsets[1:] - offsets[:-1],
+        **{name: ListColumn(offsets, getattr(points, name)) for name in LISTS},
         **{
-            f"flow_{axis}": none if flow is None else ListColumn(points.offsets, flow[:, index])
+            f"flow_{axis}": _nulls(len(views)) if flow is None else ListColumn(offsets, flow[:, index])
             for index, axis in enumerate("xyz")
         },
     }
+
+
+@remembered(owners=0)
+def _nulls(count: int) -> pa.Array:
+    return pa.nulls(count, list_of(F32))

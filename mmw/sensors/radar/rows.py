@@ -3,6 +3,7 @@
 import numpy as np
 import pyarrow as pa
 
+from mmw.core.remember import remembered
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, sample_columns
 from mmw.scene.views import Views
@@ -14,15 +15,20 @@ def radar_rows(arrays: SceneData, sensor: str, views: Views, points: RadarPoints
     """Return rows of the `radar` table for one sensor: one sample a row; what the mode does not have is null."""
     columns: Columns = {
         **sample_columns(arrays, sensor, views.frame, views.actor),
-        "point_count": np.diff(points.offsets).astype(np.int32),
+        "point_count": points.offsets[1:] - points.offsets[:-1],
     }
     for name in (
         "range", "azimuth", "elevation", "velocity", "power_db", "snr_db", "rcs_dbsm", "object_id", "label",
         "path_type",
     ):  # fmt: skip
         values = getattr(points, name)
-        columns[name] = pa.nulls(len(views)) if values is None else ListColumn(points.offsets, values)
+        columns[name] = _nulls(len(views)) if values is None else ListColumn(points.offsets, values)
     return columns
+
+
+@remembered(owners=0)
+def _nulls(count: int) -> pa.Array:
+    return pa.nulls(count)
 
 
 def _offsets(values: np.ndarray) -> np.ndarray:
