@@ -10,7 +10,7 @@ from mmw.config import ChannelConfig
 from mmw.config.links import LinkEnds
 from mmw.core.kinematics import Motion
 from mmw.core.remember import remembered
-from mmw.scene.mounted_antennas import RadioDevices, antenna_pose, mounted_antennas
+from mmw.scene.mounted_antennas import Mounts, RadioDevices, antenna_pose, mounted_antennas, mounts_at
 from mmw.scene.scene_data import Actor, SceneData
 
 _ARRAYS = ("frame", "batch_index", "kind", "tx_actor", "rx_actor", "tx_antenna", "rx_antenna")
@@ -60,9 +60,26 @@ class Links:
         )
 
 
+@remembered(owners=2, size=8)
 def _antenna_number(actor: np.ndarray, antenna: np.ndarray) -> np.ndarray:
     """Return one number of actor and antenna; that of the actor for its first antenna."""
     return actor.astype(np.int64) + (antenna.astype(np.int64) << 32)
+
+
+@dataclass(frozen=True)
+class _Present:
+    """Links of a set of present agents."""
+
+    ends: tuple[np.ndarray, ...]
+    """Fields of `Links` of the names in `_ARRAYS` but `frame`."""
+    row: np.ndarray
+    """Batch index of each antenna that is an end of a link, shape [N]."""
+    actor: np.ndarray
+    """Actor of each, shape [N]."""
+    mounts: Mounts
+    """Where each is on its actor."""
+    of_link: tuple[np.ndarray, np.ndarray]
+    """Transmitting and receiving antenna of each link, shape [L] each."""
 
 
 def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, motion: Motion | None = None) -> Links:
@@ -80,30 +97,27 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, 
     Raises:
         ValueError: If the scene does not cover a frame.
     """
-    table, mount = _plan(arrays.actors, config)
     rows = arrays.frame_rows(frames)
-    is_here = np.asarray(np.isfinite(arrays.poses[rows]).all(axis=2))
+    is_here = np.isfinite(arrays.poses[rows]).all(axis=2)
+    present = _present_links(arrays.actors, config, len(rows), is_here.tobytes())
+    antennas = mounted_antennas(arrays, rows, present.row, present.actor, present.mounts, motion)
+    tx, rx = (antennas.take(own) for own in present.of_link)
+    return Links(np.array(frames, dtype=np.int32)[present.ends[0]], *present.ends, tx, rx)
+
+
+@remembered(owners=2, size=32)
+def _present_links(actors: tuple[Actor, ...], config: ChannelConfig, frames: int, presence: bytes) -> _Present:
+    """Return the links of the agents that are present in each frame, the bytes of flags of shape [frames, actors]."""
+    table, mount = _plan(actors, config)
+    is_here = np.frombuffer(presence, dtype=bool).reshape(frames, -1)
     batch_index, row = np.nonzero(is_here[:, table[:, 1]] & is_here[:, table[:, 2]])
-    kind, tx_actor, rx_actor, tx_antenna, rx_antenna = table[row].T
-    both = mounted_antennas(
-        arrays,
-        rows,
-        np.tile(batch_index, 2),
-        np.concatenate([tx_actor, rx_actor]),
-        mount[:, row].reshape(-1, 7),
-        motion,
-    )
-    return Links(
-        frame=np.array(frames, dtype=np.int32)[batch_index],
-        batch_index=batch_index.astype(np.int32),
-        kind=kind.astype(np.int8),
-        tx_actor=tx_actor,
-        rx_actor=rx_actor,
-        tx_antenna=tx_antenna,
-        rx_antenna=rx_antenna,
-        tx=both.take(slice(None, len(row))),
-        rx=both.take(slice(len(row), None)),
-    )
+    kind, tx_actor, rx_actor, tx_antenna, rx_antenna = (np.ascontiguousarray(column) for column in table[row].T)
+    keys = np.stack([np.tile(batch_index, 2), np.append(tx_actor, rx_actor), np.append(tx_antenna, rx_antenna)], axis=1)
+    antennas, first, of_end = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    tx_of, rx_of = of_end.reshape(2, -1)
+    mounts = mounts_at(mount[:, row].reshape(-1, 7)[first])
+    ends = batch_index.astype(np.int32), kind.astype(np.int8), tx_actor, rx_actor, tx_antenna, rx_antenna
+    return _Present(ends, antennas[:, 0], antennas[:, 1], mounts, (tx_of, rx_of))
 
 
 @remembered(owners=2, size=8)

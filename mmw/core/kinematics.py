@@ -125,11 +125,21 @@ def differentiate_rows(
     Returns:
         Derivatives, shape [S, ..., 3].
     """
+    motion, at = motion_at(poses, rows, dt, known)
+    return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
+
+
+def motion_at(
+    poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT, known: Motion | None = None
+) -> tuple[Motion, np.ndarray]:
+    """Return derivatives of frames around some rows, and where each of the rows is among them, shape [S].
+
+    Those at the rows are the ones of `differentiate_rows`, whose arguments these are.
+    """
     part = window(rows)
     is_whole = part.start == 0 and part.stop >= len(poses)
     motion = known if is_whole and known is not None else differentiate(poses[part], dt)
-    at = rows - part.start
-    return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
+    return motion, rows - part.start
 
 
 EXTRAPOLATION = {

@@ -66,7 +66,7 @@ class PackedArrays:
             if wp.get_device(device).is_cuda:  # page-locked memory is quick to copy and slow to allocate
                 self._twin = _memory(size, "cpu", pinned=self._is_pinned)
             self.host = _host_views(self._twin.numpy(), layouts, self._offsets)
-        self._structs: dict[Any, Any] = {}
+        self._structs: dict[tuple[Any, bool], Any] = {}
 
     def upload(self, stream: wp.Stream | None = None) -> list[wp.array]:
         """Copy the block to the device, in its current stream if none is given, and return the arrays there."""
@@ -97,18 +97,24 @@ class PackedArrays:
             return self.arrays
         return _views(self._twin, self._key[1], self._offsets)
 
-    def struct(self, kind: Callable[[], Any], *names: str | None) -> Any:
+    def struct(self, kind: Callable[[], Any], *names: str | None, on_host: bool = False) -> Any:
         """Return a Warp struct that has the arrays as fields of these names, in their order, but those of None.
 
         It is made once for a block.
+
+        Args:
+            kind: The struct.
+            names: Its field for each array.
+            on_host: Whether the arrays are those of `host_arrays`.
         """
-        if kind not in self._structs:
+        key = kind, on_host
+        if key not in self._structs:
             made = kind()
-            for name, array in zip(names, self.arrays, strict=True):
+            for name, array in zip(names, self.host_arrays if on_host else self.arrays, strict=True):
                 if name is not None:
                     setattr(made, name, array)
-            self._structs[kind] = made
-        return self._structs[kind]
+            self._structs[key] = made
+        return self._structs[key]
 
     def release(self) -> None:
         """Give the block back: neither its arrays nor their host views are used any more, by work in any stream."""

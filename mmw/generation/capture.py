@@ -152,8 +152,8 @@ def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
     config = batch.config.channel
     with batch.clock.stage("channel"):
         links = make_links(batch.arrays, frames, config, batch.motion)
-        is_due = config.is_due(batch.arrays.numbers(links.frame), batch.arrays.rate_hz)
-        return links if is_due.all() else links.take(np.flatnonzero(is_due))
+        is_due = config.is_due(batch.arrays.numbers(frames), batch.arrays.rate_hz)
+        return links if is_due.all() else links.take(np.flatnonzero(is_due[links.batch_index]))
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, links: Links, collected: TableRows) -> None:

@@ -3,12 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from mmw.config.agent_keys import Body
 from mmw.config.antennas import AntennaConfig
-from mmw.core.kinematics import Motion, differentiate_rows
-from mmw.core.transforms import cross, normalize, pose_from_mount, quaternion_to_matrix
-from mmw.physics.em.vectors import rotate
+from mmw.core.kinematics import Motion, motion_at
+from mmw.core.packed_arrays import borrow_arrays
+from mmw.core.repeated_launch import launch_again
+from mmw.core.transforms import pose_from_mount, quaternion_to_matrix
+from mmw.kernels.core.mounted_antennas import MountedAntennas, mounted_antennas_kernel
 from mmw.scene.scene_data import SceneData
 
 
@@ -36,12 +39,31 @@ def antenna_pose(
     return pose_from_mount(mount.position_m, mount.yaw_deg, mount.pitch_deg, mount.roll_deg)
 
 
+@dataclass(frozen=True)
+class Mounts:
+    """Places of antennas on their actors."""
+
+    place: np.ndarray
+    """In the frame of the actor [m], shape [L, 3]."""
+    turned: np.ndarray
+    """Antennas whose axes are not those of the actor, shape [T]."""
+    rotation: np.ndarray
+    """Antenna-to-actor rotations of these, shape [T, 3, 3]."""
+
+
+def mounts_at(mount: np.ndarray) -> Mounts:
+    """Return the mounts of poses in the frames of actors, shape [L, 7]; or of places alone [m], shape [L, 3]."""
+    turned = np.flatnonzero(mount[:, 3:6].any(axis=1))
+    rotation = quaternion_to_matrix(mount[turned, 3:]) if len(turned) else np.zeros((0, 3, 3))
+    return Mounts(mount[:, :3], turned, rotation)
+
+
 def mounted_antennas(
     arrays: SceneData,
     rows: np.ndarray,
     row: np.ndarray,
     actor: np.ndarray,
-    mount: np.ndarray,
+    mounts: Mounts,
     motion: Motion | None = None,
 ) -> RadioDevices:
     """Return antennas that ride on actors.
@@ -51,20 +73,21 @@ def mounted_antennas(
         rows: Rows of `arrays.poses` that are looked at, shape [S].
         row: Index into `rows` for each antenna, shape [L].
         actor: Actor of each, present in that frame, shape [L].
-        mount: Pose of each in the frame of its actor, shape [L, 7]; or its place alone [m], shape [L, 3], where its
-            axes are those of the actor.
+        mounts: Where each is on its actor.
         motion: Derivatives of all `poses` of the scene, if they are known.
     """
-    motion = differentiate_rows(arrays.poses, rows, arrays.pose_dt, motion)
-    pose = arrays.poses[rows[row], actor]
-    rotation = quaternion_to_matrix(normalize(pose[:, 3:]))
-    lever = rotate(rotation, mount[:, :3])
-    own, turned = rotation, np.flatnonzero(mount[:, 3:6].any(axis=1))
-    if len(turned):  # others keep the bits of the actor's rotation
-        own = rotation.copy()
-        own[turned] = rotation[turned] @ quaternion_to_matrix(mount[turned, 3:])
-    return RadioDevices(
-        position=pose[:, :3] + lever,
-        rotation=own,
-        velocity=motion.velocity[row, actor] + cross(motion.world_rate[row, actor], lever),
+    motion, at = motion_at(arrays.poses, rows, arrays.pose_dt, motion)
+    own = at[row]
+    given = arrays.poses[rows[row], actor], motion.velocity[own, actor], motion.world_rate[own, actor], mounts.place
+    vectors, count = ((len(actor),), wp.vec3d), len(actor)
+    block = borrow_arrays(
+        "cpu", ((count,), wp.transformd), vectors, vectors, vectors, vectors, ((count,), wp.mat33d), vectors
     )
+    for target, values in zip(block.host, given, strict=False):
+        target[...] = values
+    launch_again(mounted_antennas_kernel, (count,), [block.struct(MountedAntennas, *MountedAntennas.vars)], "cpu")
+    position, rotation, velocity = (values.copy() for values in block.host[len(given) :])
+    block.release()
+    if len(mounts.turned):  # others keep the bits of the actor's rotation
+        rotation[mounts.turned] = rotation[mounts.turned] @ mounts.rotation
+    return RadioDevices(position, rotation, velocity)

@@ -9,7 +9,7 @@ import numpy as np
 from mmw.core.errors import InputError
 from mmw.core.registry import load_reference
 from mmw.core.transforms import quaternion_to_matrix
-from mmw.scene.mounted_antennas import RadioDevices, mounted_antennas
+from mmw.scene.mounted_antennas import RadioDevices, mounted_antennas, mounts_at
 from mmw.scene.named_items import NamedItems
 from mmw.scene.radio_devices import RadioDevice, Receiver, Transmitter
 from mmw.scene.scene_state import SceneState
@@ -88,7 +88,7 @@ def antenna_states(state: SceneState, devices: Sequence[RadioDevice]) -> RadioDe
         actor = np.array([device_actor(state, devices[row]) for row in riders])
         mount = np.stack([devices[row].position for row in riders])
         rows, first = np.array([arrays.frame_row(state.frame)]), np.zeros(len(riders), dtype=np.int64)
-        found = mounted_antennas(arrays, rows, first, actor, mount)
+        found = mounted_antennas(arrays, rows, first, actor, mounts_at(mount))
         position[riders], rotation[riders], velocity[riders] = found.position, found.rotation, found.velocity
     for row, device in enumerate(devices):
         turn, extra = device.orientation, device.velocity

@@ -9,7 +9,7 @@ import pytest
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.candidates import launch_rays
 from mmw.channel.path_solver.image_method import trace_paths
-from mmw.channel.path_solver.search import Search, Sources
+from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet, tell_apart
@@ -231,7 +231,7 @@ def test_every_ray_of_the_lattice_is_launched_once(ray_count: int, device: str) 
     scene = loaded(arrays, device, [0])
     table, source = make_surface_table(scene), arrays.poses[:, -2, :3]
     search = Search(scene, make_links(arrays, [0], EXHAUSTIVE), EXHAUSTIVE, table)
-    seen = launch_rays(search, Sources(np.zeros(1, np.int32), source, np.zeros(2, np.int32)), ray_count)[0].numpy()[0]
+    seen = launch_rays(search, search.sort(np.zeros(1), source, source).sources, ray_count)[0].numpy()[0]
     index = np.arange(ray_count)
     z, azimuth = 1 - 2 * index / (ray_count - 1), 2 * np.pi * (index * (np.sqrt(5) - 1) / 2 % 1)
     across = np.sqrt(1 - z**2)

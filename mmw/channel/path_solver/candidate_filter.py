@@ -104,7 +104,7 @@ def _finite_reflections(
 
 def _build_tree(search: Search, sources: Sources, tree: CandidateTree) -> None:
     """Compute planes and images of the transmitters of the candidates."""
-    batch_index, _, tx, _ = search.source_arrays(sources)
+    batch_index, _, tx, _ = sources.device
     inputs, out = (
         [search.table.device, search.pose, batch_index, tx],
         [tree.source, tree.image, tree.normal, tree.offset],

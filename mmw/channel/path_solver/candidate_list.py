@@ -2,14 +2,13 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.candidate_output import Candidates
 from mmw.channel.path_solver.candidates import grow_cells
-from mmw.channel.path_solver.search import Search
+from mmw.channel.path_solver.search import Search, vector
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
@@ -170,7 +169,7 @@ def _refine(
         table.wedges.device,
         search.pose,
         search.outlines,
-        _vector(*scene.origin.tolist()),
+        vector(*scene.origin.tolist()),
         listed,
         given,
         sights,
@@ -183,11 +182,6 @@ def _refine(
         out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
     ]
     launch_again(refine_kernel, (count, thread_spread(device, count)), arguments, device, block_dim=64)
-
-
-@cache
-def _vector(x: float, y: float, z: float) -> wp.vec3d:
-    return wp.vec3d(x, y, z)
 
 
 def _traced(columns: list[np.ndarray], rows: np.ndarray | slice) -> TracedPaths:

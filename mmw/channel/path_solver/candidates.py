@@ -121,7 +121,7 @@ def _tree(search: Search, sources: Sources, cells: int) -> CandidateTree:
     block = search.borrow(*layouts, is_scratch=True)
     tree = block.struct(CandidateTree, "key", "source", "offset", "image", "normal")
     tree.first, tree.plane_count = len(sources) * search.table.plane_count, search.table.plane_count
-    tree.first_link = search.source_arrays(sources)[3]
+    tree.first_link = sources.device[3]
     return tree
 
 
@@ -180,7 +180,7 @@ def launch_rays(
     if counts is None:
         counts = search.scratch((COUNTS,), wp.int32)
         counts.zero_()
-    batch_indices, origins, _, _ = search.source_arrays(sources)
+    batch_indices, origins, _, _ = sources.device
     for passes in patterns:
         arguments = [
             table.scene_struct(search.scene),

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import warp as wp
 
-from mmw.channel.links import Links
 from mmw.channel.path_solver.candidate_filter import diffracted_candidates, lists_reflections, reflected_candidates
 from mmw.channel.path_solver.candidate_list import Listed, find_listed, joined, refine_given
 from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, selected_pairs
@@ -18,21 +17,15 @@ from mmw.channel.path_solver.curved_candidates import (
 )
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.near_edges import near_edge_candidates
+from mmw.channel.path_solver.path_order import rows_to_keep
 from mmw.channel.path_solver.scatter_paths import diffuse_paths
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths, reverse_columns
 from mmw.kernels.channel.edges import cull_wedges_kernel
-from mmw.kernels.channel.surfaces import LIFT
 from mmw.physics.em.finite_surfaces import WEAKEST_SHARE
-from mmw.physics.em.interaction import DIFFRACTION, SPECULAR
-from mmw.physics.em.vectors import dot, norm
-
-SAME_POINT_M = 1e-3
-"""Two interactions of one link closer than this, or than a segment's lift, are duplicates on coincident surfaces."""
-
-SAME_NORMAL_COS = 0.995
-"""Coincident surfaces have normals, on either side, with a larger cosine between them: bends below 0.1 rad."""
+from mmw.physics.em.interaction import SPECULAR
+from mmw.physics.em.vectors import norm
 
 
 def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPaths:
@@ -62,8 +55,10 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
     paths = _no_paths(max(1, config.max_depth)) if not found else found[0]
     if len(found) > 1:
         paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
-    paths = replace(paths, link=search.forward.order[paths.link].astype(np.int32))
-    return paths.take(_deduplicate(paths, links, table.area, search.scene.origin))
+    if not len(paths):
+        return paths
+    paths = replace(paths, link=search.forward.order[paths.link])
+    return paths.take(rows_to_keep(paths, links, table.host_area, search.scene.origin))
 
 
 def _curved_paths(search: Search, curved: CurvedTable) -> Iterator[TracedPaths]:
@@ -181,45 +176,6 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
         step = np.full((len(link), max(1, search.config.max_depth)), -1, dtype=np.int32)
         step[:, 0] = -2 - wedge
         yield (link + begin).astype(np.int32), step, False
-
-
-def _deduplicate(found: TracedPaths, links: Links, area: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Return the rows to keep, sorted by (link, order, kinds, surfaces).
-
-    Of paths of one link with the same interactions in the same places (see `SAME_POINT_M`), the one on the smallest
-    surfaces stays (a marking lies on its road), and the lowest surface ids among equals.
-    """
-    length = path_lengths(links.tx.position[found.link], links.rx.position[found.link], found)
-    reach = np.fmax.reduce(np.abs(found.vertex - origin), axis=(1, 2), initial=0.0)  # NaN does not count
-    apart = np.maximum(SAME_POINT_M, LIFT.value * (5.0 + reach))
-    columns = range(found.kind.shape[1] - 1, -1, -1)  # the last key sorts first
-    keys = [found.ray, *(values[:, k] for values in (found.surface, found.kind) for k in columns)]
-    rank = np.lexsort((*keys, found.order, found.link))
-    exact = rank[found.ray[rank] == -1]
-    near_rank = exact[np.lexsort((length[exact], found.order[exact], found.link[exact]))]
-    dropped = np.zeros(len(found), dtype=bool)
-    size = rank_of = length
-    for step in range(1, len(near_rank)):
-        one, other = near_rank[:-step], near_rank[step:]
-        near = (found.link[one] == found.link[other]) & (found.order[one] == found.order[other])
-        near &= (length[other] - length[one] <= 2.0 * apart[one] * found.order[one]) & (found.order[one] > 0)
-        if not near.any():
-            break
-        if step == 1:  # areas of all surfaces of each path
-            has_none = (found.kind == DIFFRACTION) | (found.surface < 0)
-            size = np.where(has_none, 0.0, area[np.where(has_none, 0, found.surface)] if len(area) else 0.0).sum(axis=1)
-            rank_of = np.empty(len(found), dtype=np.int64)
-            rank_of[rank] = np.arange(len(found))
-        one, other = one[near], other[near]
-        is_edge = found.kind[one] == DIFFRACTION
-        same = (found.kind[one] == found.kind[other]).all(axis=1)
-        same &= (np.nan_to_num(norm(found.vertex[one] - found.vertex[other])) <= apart[one, None]).all(axis=1)
-        is_bent = np.abs(dot(found.normal[one], found.normal[other])) < SAME_NORMAL_COS
-        same &= ~(is_bent & ~is_edge).any(axis=1)  # at a corner two surfaces are near each other
-        one, other = one[same], other[same]
-        is_first = np.where(size[one] == size[other], rank_of[one] < rank_of[other], size[one] < size[other])
-        dropped[np.where(is_first, other, one)] = True
-    return rank[~dropped[rank]]
 
 
 def path_lengths(tx: np.ndarray, rx: np.ndarray, found: TracedPaths) -> np.ndarray:

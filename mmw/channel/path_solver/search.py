@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass
+from functools import cache, cached_property
 from math import prod
 from typing import Any
 
@@ -12,8 +13,9 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import ChannelConfig
 from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
+from mmw.core.repeated_launch import launch_again
 from mmw.core.transfer import scalar_type
-from mmw.core.transforms import conjugate, normalize, rotate
+from mmw.kernels.channel.link_order import LINK_KEYS, GivenLinks, OrderedLinks, order_links_kernel
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
 
@@ -38,8 +40,9 @@ class Sources:
     """World frame [m], shape [A, 3]."""
     first_link: np.ndarray
     """First link of each source, and the number of links, shape [A + 1], int32."""
-    device: tuple[wp.array, ...] = ()
-    """These arrays on the device, where they are there already, see `Search.source_arrays`."""
+    device: tuple[wp.array, ...]
+    """Batch index, position in the scene frame and in the world [m], and first links on the device, until the search
+    is released; they may be longer."""
 
     def __len__(self) -> int:
         return len(self.batch_index)
@@ -48,7 +51,13 @@ class Sources:
         """Return some of the sources; links keep their numbers."""
         if begin == 0 and end == len(self):
             return self
-        return Sources(self.batch_index[begin:end], self.position[begin:end], self.first_link[begin : end + 1])
+        ends = (end, end, end, end + 1)
+        return Sources(
+            self.batch_index[begin:end],
+            self.position[begin:end],
+            self.first_link[begin : end + 1],
+            tuple(array[begin:stop] for array, stop in zip(self.device, ends, strict=True)),
+        )
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,10 @@ class SortedLinks:
     sources: Sources
     ends: LinkEnds
     """Both ends of every link on the device; `tx` are the sources."""
+    host_pose: np.ndarray
+    """Instance-to-world poses with unit quaternions, shape [S, V, 7]."""
+    pose: wp.array
+    """The same on the device, shape [S, V]."""
 
 
 class Search:
@@ -74,24 +87,24 @@ class Search:
         pose: The same on the device, shape [S, V].
         outlines: Outlines of the planes on the device, empty where surfaces are infinite.
         forward: The links in the order of their transmitters.
-        rank: Place of each link in that order, shape [L], int32.
     """
 
     def __init__(self, scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable):
         """Sort the links and upload the poses; the arguments are the attributes of these names."""
         self.scene, self.links, self.config, self.table = scene, links, config, table
-        rows = [scene.arrays.frame_row(frame) for frame in scene.batch_frames]
-        self.host_pose = scene.arrays.poses[rows][:, scene.instance_actor]
-        self.host_pose[..., 3:] = normalize(self.host_pose[..., 3:])
-        back = conjugate(self.host_pose[..., 3:])
-        self._inverse = back, -rotate(back, self.host_pose[..., :3])
         self._blocks: list[PackedArrays] = []
         self._scratch: list[tuple[tuple[tuple[int, ...], Any], wp.array]] = []
         self.outlines = table.outlines_on_device(scene.device, config.carriers_hz)
-        more = (self.host_pose, wp.transformd)
-        self.forward, (self.pose,) = self._sorted(links.batch_index, links.tx.position, links.rx.position, more)
-        self.rank = np.empty(len(links), dtype=np.int32)
-        self.rank[self.forward.order] = np.arange(len(links))
+        self._rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames])
+        self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
+        self.host_pose, self.pose = self.forward.host_pose.copy(), self.forward.pose
+
+    @cached_property
+    def rank(self) -> np.ndarray:
+        """Place of each link in the order of `forward`, shape [L], int32."""
+        rank = np.empty(len(self.links), dtype=np.int32)
+        rank[self.forward.order] = np.arange(len(self.links))
+        return rank
 
     def scratch(self, shape: tuple[int, ...], kind: Any) -> wp.array:
         """Return an array on the device until `release`, with undefined values; small ones are used again."""
@@ -153,43 +166,48 @@ class Search:
 
     def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
         """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""
-        return self._sorted(batch_index, tx, rx)[0]
-
-    def _sorted(
-        self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray, *more: tuple[np.ndarray, Any]
-    ) -> tuple[SortedLinks, list[wp.array]]:
-        """Return `sort`, and more arrays that are uploaded together with the ends."""
-        order = np.lexsort((tx[:, 2], tx[:, 1], tx[:, 0], batch_index))
-        at, of_batch = tx[order], batch_index[order]
-        is_first = np.ones(len(order), dtype=bool)
-        is_first[1:] = (at[1:] != at[:-1]).any(axis=1) | (of_batch[1:] != of_batch[:-1])
-        first_use = np.flatnonzero(is_first)
-        first_link = np.append(first_use, len(order)).astype(np.int32)
-        position = at[first_use]
-        instances = self.host_pose.shape[1]
-        local = np.empty((2, len(order), instances + 1, 3))
-        local[0, :, instances], local[1, :, instances] = at, rx[order]
-        if instances:
-            turn, shift = (values[of_batch] for values in self._inverse)
-            local[:, :, :instances] = rotate(turn, local[:, :, instances:]) + shift
-        source = is_first.cumsum() - 1
-        own = _source_parts(of_batch[first_use], position, first_link, self.scene.origin)
-        parts = (of_batch, wp.int32), (source, wp.int32), (local[0], wp.vec3d), (local[1], wp.vec3d)
-        block = self.upload(*parts, *own, *more)
-        ends = block.struct(LinkEnds, "batch_index", "source", "tx", "rx", *(len(own) + len(more)) * (None,))
-        sources = Sources(own[0][0].astype(np.int32), position, first_link, tuple(block.arrays[4 : 4 + len(own)]))
-        return SortedLinks(order, sources, ends), block.arrays[4 + len(own) :]
-
-    def source_arrays(self, sources: Sources) -> tuple[wp.array, ...]:
-        """Return batch index, position in the scene frame and in the world [m], and first links of sources."""
-        if sources.device:
-            return sources.device
-        own = _source_parts(sources.batch_index, sources.position, sources.first_link, self.scene.origin)
-        return tuple(self.upload(*own).arrays)
+        scene, count = self.scene, len(batch_index)
+        poses = (len(self._rows), len(scene.instance_actor)), wp.transformd
+        given, links = _given_links(count, poses), self.borrow(*_ordered_links(count, poses))
+        self._blocks.append(given)
+        inputs = batch_index, tx, rx, scene.arrays.poses[self._rows[:, None], scene.instance_actor]
+        for target, values in zip(given.host, inputs, strict=False):
+            target[...] = values
+        arguments = [
+            given.struct(GivenLinks, *GivenLinks.vars),
+            vector(*scene.origin.tolist()),
+            links.struct(OrderedLinks, *OrderedLinks.vars, on_host=True),
+        ]
+        launch_again(order_links_kernel, (1,), arguments, "cpu")
+        *_, order, sources = given.host
+        number = int(sources[0])
+        *_, batch_index, _, position, first_link, host_pose = links.host
+        *_, pose = links.upload()
+        return SortedLinks(
+            order,
+            Sources(batch_index[:number], position[:number], first_link[: number + 1], tuple(links.arrays[4:8])),
+            links.struct(LinkEnds, *LinkEnds.vars, *5 * (None,)),
+            host_pose,
+            pose,
+        )
 
 
-def _source_parts(
-    batch_index: np.ndarray, position: np.ndarray, first_link: np.ndarray, origin: np.ndarray
-) -> tuple[tuple[np.ndarray, Any], ...]:
-    scene = position - origin
-    return (batch_index, wp.int32), (scene, wp.vec3), (position, wp.vec3d), (first_link, wp.int32)
+def _given_links(count: int, poses: Layout) -> PackedArrays:
+    """Return a block for `GivenLinks` on the host."""
+    ints, vectors = ((count,), wp.int32), ((count,), wp.vec3d)
+    return borrow_arrays(
+        "cpu", ints, vectors, vectors, poses, ((count, LINK_KEYS), wp.float64), ints, ints, ((1,), wp.int32)
+    )
+
+
+def _ordered_links(count: int, poses: Layout) -> tuple[Layout, ...]:
+    """Return layouts of `OrderedLinks`."""
+    ints, ends = ((count,), wp.int32), ((count, poses[0][1] + 1), wp.vec3d)
+    places = ((count,), wp.vec3), ((count,), wp.vec3d)
+    return ints, ints, ends, ends, ints, *places, ((count + 1,), wp.int32), poses
+
+
+@cache
+def vector(x: float, y: float, z: float) -> wp.vec3d:
+    """Return a vector for kernels."""
+    return wp.vec3d(x, y, z)

@@ -110,6 +110,11 @@ class SurfaceTable:
         return of_surface, of_plane
 
     @cached_property
+    def host_area(self) -> wp.array:
+        """`area`, for kernels on the host."""
+        return wp.array(self.area, dtype=wp.float64, device="cpu")
+
+    @cached_property
     def used_materials(self) -> np.ndarray:
         """Material ids that some surface has, sorted."""
         return np.unique(self.material_id)

@@ -9,6 +9,7 @@ from mmw.channel.path_solver.search import SCRATCH_ARRAYS, SCRATCH_BYTES, Search
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.config import ChannelConfig
+from mmw.core.transforms import conjugate, normalize, rotate
 from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
 from tests.oracles.channel import driving, traffic
@@ -56,3 +57,41 @@ def test_scratch_is_used_again_after_release_only(device: str) -> None:
     second.release()
     assert sum(map(len, table.scratch.values())) <= SCRATCH_ARRAYS + 2
     assert all(array is not large for arrays in table.scratch.values() for array in arrays)
+
+
+def test_links_are_sorted_as_numpy_does(device: str) -> None:
+    """Orders, sources and ends in the frames of instances have the bits of NumPy; so have the poses."""
+    data = traffic(driving(np.arange(3) * 0.01))
+    data.poses[1, 2] = np.nan  # an absent truck
+    data.poses[..., 3:] *= 1.7
+    config = ChannelConfig(antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}))
+    scene = loaded(data, device, [0, 1, 2])
+    generator = np.random.default_rng(6)
+    search = Search(scene, make_links(data, [0, 1, 2], config), config, make_surface_table(scene))
+    batch_index = generator.integers(0, 3, 50).astype(np.int32)
+    tx = generator.integers(-1, 2, (50, 3)).astype(np.float64)  # many at one place
+    rx = 10.0 * generator.normal(size=(50, 3))
+    links = search.sort(batch_index, tx, rx)
+    order = np.lexsort((tx[:, 2], tx[:, 1], tx[:, 0], batch_index))
+    np.testing.assert_array_equal(links.order, order)
+    key = np.column_stack([batch_index, tx])[order]
+    first = np.flatnonzero(np.append(True, (key[1:] != key[:-1]).any(axis=1)))
+    np.testing.assert_array_equal(links.sources.first_link, np.append(first, 50))
+    np.testing.assert_array_equal(links.sources.position, tx[order][first])
+    np.testing.assert_array_equal(links.sources.batch_index, batch_index[order][first])
+    place, count = links.sources.device[1].numpy()[: len(first)], len(first)
+    np.testing.assert_array_equal(place, (tx[order][first] - scene.origin).astype(np.float32))
+    np.testing.assert_array_equal(links.ends.source.numpy(), np.searchsorted(first, np.arange(50), side="right") - 1)
+    pose = data.poses[[0, 1, 2]][:, scene.instance_actor]
+    pose[..., 3:] = normalize(pose[..., 3:])
+    np.testing.assert_array_equal(search.host_pose, pose)
+    np.testing.assert_array_equal(search.pose.numpy(), pose)
+    back = conjugate(pose[..., 3:])
+    turn, shift = (values[batch_index[order]] for values in (back, -rotate(back, pose[..., :3])))
+    for end, ends in ((tx, links.ends.tx), (rx, links.ends.rx)):
+        local = rotate(turn, end[order][:, None]) + shift
+        np.testing.assert_array_equal(ends.numpy(), np.concatenate([local, end[order][:, None]], axis=1))
+    part = links.sources.part(3, count - 2)
+    np.testing.assert_array_equal(part.device[3].numpy(), part.first_link)
+    assert len(part) == count - 5 and len(part.device[0]) == count - 5
+    search.release()

@@ -1,0 +1,130 @@
+"""Bring links into the order of their transmitters, with their ends in the frame of every instance, on the host."""
+
+import warp as wp
+
+from mmw.kernels.core.compiler import AS_NUMPY
+from mmw.kernels.core.row_order import is_before, sort_rows
+
+wp.set_module_options(AS_NUMPY)
+
+LINK_KEYS = 4
+"""Keys by which links are sorted: batch index and position of the transmitter."""
+
+
+@wp.struct
+class GivenLinks:
+    """Links as they are given, L of them, and poses; the rest is scratch but `order`."""
+
+    batch_index: wp.array[int]
+    """Position of the link's frame in the batch, shape [L]."""
+    tx: wp.array[wp.vec3d]
+    """Transmitter in the world [m], shape [L]."""
+    rx: wp.array[wp.vec3d]
+    """Receiver in the world [m], shape [L]."""
+    pose: wp.array2d[wp.transformd]
+    """Instance-to-world poses, NaN for absent instances, shape [S, V]; the quaternions need not be unit ones."""
+    key: wp.array2d[wp.float64]
+    """Shape [L, LINK_KEYS]."""
+    spare: wp.array[int]
+    """Shape [L]."""
+    order: wp.array[int]
+    """Row of each link in the order of the transmitters, shape [L]; written."""
+    count: wp.array[int]
+    """Number of transmitters, shape [1]; written."""
+
+
+@wp.struct
+class OrderedLinks:
+    """Links in the order of their A <= L transmitters, and what belongs to these."""
+
+    batch_index: wp.array[int]
+    """Position of the link's frame in the batch, shape [L]."""
+    source: wp.array[int]
+    """Transmitter of each link, shape [L]."""
+    tx: wp.array2d[wp.vec3d]
+    """Transmitter in the frame of every instance, and in the world (column V) [m], shape [L, V + 1]."""
+    rx: wp.array2d[wp.vec3d]
+    """Receiver, as `tx`."""
+    source_batch_index: wp.array[int]
+    """Batch index of each transmitter, shape [L], of which A are used."""
+    source_scene: wp.array[wp.vec3]
+    """Position of each transmitter in the scene frame [m]."""
+    source_world: wp.array[wp.vec3d]
+    """Position of each transmitter in the world [m]."""
+    first_link: wp.array[int]
+    """First link of each transmitter, and the number of links, shape [L + 1], of which A + 1 are used."""
+    pose: wp.array2d[wp.transformd]
+    """The poses with unit quaternions, shape [S, V]."""
+
+
+@wp.func
+def rotated(x: wp.float64, y: wp.float64, z: wp.float64, w: wp.float64, at: wp.vec3d) -> wp.vec3d:
+    """Return a vector rotated by a unit quaternion, as `mmw.core.transforms.rotate`."""
+    two = wp.float64(2.0)
+    a = two * (y * at[2] - z * at[1])
+    b = two * (z * at[0] - x * at[2])
+    c = two * (x * at[1] - y * at[0])
+    return wp.vec3d(
+        at[0] + w * a + (y * c - z * b),
+        at[1] + w * b + (z * a - x * c),
+        at[2] + w * c + (x * b - y * a),
+    )
+
+
+@wp.func
+def into_frame(pose: wp.transformd, shift: wp.vec3d, at: wp.vec3d) -> wp.vec3d:
+    """Return a point of the world in the frame of a pose whose inverse has the position `shift`."""
+    return rotated(-pose[3], -pose[4], -pose[5], pose[6], at) + shift
+
+
+@wp.kernel
+def order_links_kernel(given: GivenLinks, origin: wp.vec3d, links: OrderedLinks):
+    """Sort links by batch index and transmitter, and compute all of `OrderedLinks`.
+
+    Antennas of one frame at one place are one transmitter. `origin` is that of the scene frame [m]. Launch: dim=1.
+    """
+    count = given.tx.shape[0]
+    instances = given.pose.shape[1]
+    for row in range(count):
+        at = given.tx[row]
+        given.key[row, 0] = wp.float64(given.batch_index[row])
+        for axis in range(3):
+            given.key[row, 1 + axis] = at[axis]
+        given.order[row] = row
+    sort_rows(given.key, count, given.order, given.spare)
+    for batch_index in range(given.pose.shape[0]):
+        for instance in range(instances):
+            p = given.pose[batch_index, instance]
+            length = wp.sqrt(p[3] * p[3] + p[4] * p[4] + p[5] * p[5] + p[6] * p[6])
+            unit = wp.transformd(
+                wp.vec3d(p[0], p[1], p[2]), wp.quatd(p[3] / length, p[4] / length, p[5] / length, p[6] / length)
+            )
+            links.pose[batch_index, instance] = unit
+    source = wp.int32(-1)
+    for place in range(count):
+        row = given.order[place]
+        batch_index = given.batch_index[row]
+        tx = given.tx[row]
+        rx = given.rx[row]
+        is_new = place == 0
+        if place > 0:
+            is_new = is_before(given.key, given.order[place - 1], row)
+        if is_new:
+            source = source + 1
+            links.first_link[source] = place
+            links.source_batch_index[source] = batch_index
+            links.source_world[source] = tx
+            links.source_scene[source] = wp.vec3(
+                wp.float32(tx[0] - origin[0]), wp.float32(tx[1] - origin[1]), wp.float32(tx[2] - origin[2])
+            )
+        links.batch_index[place] = batch_index
+        links.source[place] = source
+        for instance in range(instances):
+            pose = links.pose[batch_index, instance]
+            at = rotated(-pose[3], -pose[4], -pose[5], pose[6], wp.vec3d(pose[0], pose[1], pose[2]))
+            links.tx[place, instance] = into_frame(pose, -at, tx)
+            links.rx[place, instance] = into_frame(pose, -at, rx)
+        links.tx[place, instances] = tx
+        links.rx[place, instances] = rx
+    links.first_link[source + 1] = count
+    given.count[0] = source + 1
