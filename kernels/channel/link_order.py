@@ -13,7 +13,7 @@ LINK_KEYS = 4
 
 @wp.struct
 class GivenLinks:
-    """Links as they are given, L of them, and poses; the rest is scratch but `order`."""
+    """Links as they are given, L of them, and poses."""
 
     batch_index: wp.array[int]
     """Position of the link's frame in the batch, shape [L]."""
@@ -23,14 +23,20 @@ class GivenLinks:
     """Receiver in the world [m], shape [L]."""
     pose: wp.array2d[wp.transformd]
     """Instance-to-world poses, NaN for absent instances, shape [S, V]; the quaternions need not be unit ones."""
+
+
+@wp.struct
+class LinkOrder:
+    """Order of links; keys and spare rows are scratch."""
+
     key: wp.array2d[wp.float64]
     """Shape [L, LINK_KEYS]."""
     spare: wp.array[int]
     """Shape [L]."""
-    order: wp.array[int]
-    """Row of each link in the order of the transmitters, shape [L]; written."""
-    count: wp.array[int]
-    """Number of transmitters, shape [1]; written."""
+    row: wp.array[int]
+    """Row of each link in the order of the transmitters, shape [L]."""
+    sources: wp.array[int]
+    """Number of transmitters, shape [1]."""
 
 
 @wp.struct
@@ -78,7 +84,7 @@ def into_frame(pose: wp.transformd, shift: wp.vec3d, at: wp.vec3d) -> wp.vec3d:
 
 
 @wp.kernel
-def order_links_kernel(given: GivenLinks, origin: wp.vec3d, links: OrderedLinks):
+def order_links_kernel(given: GivenLinks, origin: wp.vec3d, order_out: LinkOrder, links_out: OrderedLinks):
     """Sort links by batch index and transmitter, and compute all of `OrderedLinks`.
 
     Antennas of one frame at one place are one transmitter. `origin` is that of the scene frame [m]. Launch: dim=1.
@@ -87,11 +93,11 @@ def order_links_kernel(given: GivenLinks, origin: wp.vec3d, links: OrderedLinks)
     instances = given.pose.shape[1]
     for row in range(count):
         at = given.tx[row]
-        given.key[row, 0] = wp.float64(given.batch_index[row])
+        order_out.key[row, 0] = wp.float64(given.batch_index[row])
         for axis in range(3):
-            given.key[row, 1 + axis] = at[axis]
-        given.order[row] = row
-    sort_rows(given.key, count, given.order, given.spare)
+            order_out.key[row, 1 + axis] = at[axis]
+        order_out.row[row] = row
+    sort_rows(order_out.key, count, order_out.row, order_out.spare)
     for batch_index in range(given.pose.shape[0]):
         for instance in range(instances):
             p = given.pose[batch_index, instance]
@@ -99,32 +105,32 @@ def order_links_kernel(given: GivenLinks, origin: wp.vec3d, links: OrderedLinks)
             unit = wp.transformd(
                 wp.vec3d(p[0], p[1], p[2]), wp.quatd(p[3] / length, p[4] / length, p[5] / length, p[6] / length)
             )
-            links.pose[batch_index, instance] = unit
+            links_out.pose[batch_index, instance] = unit
     source = wp.int32(-1)
     for place in range(count):
-        row = given.order[place]
+        row = order_out.row[place]
         batch_index = given.batch_index[row]
         tx = given.tx[row]
         rx = given.rx[row]
         is_new = place == 0
         if place > 0:
-            is_new = is_before(given.key, given.order[place - 1], row)
+            is_new = is_before(order_out.key, order_out.row[place - 1], row)
         if is_new:
             source = source + 1
-            links.first_link[source] = place
-            links.source_batch_index[source] = batch_index
-            links.source_world[source] = tx
-            links.source_scene[source] = wp.vec3(
+            links_out.first_link[source] = place
+            links_out.source_batch_index[source] = batch_index
+            links_out.source_world[source] = tx
+            links_out.source_scene[source] = wp.vec3(
                 wp.float32(tx[0] - origin[0]), wp.float32(tx[1] - origin[1]), wp.float32(tx[2] - origin[2])
             )
-        links.batch_index[place] = batch_index
-        links.source[place] = source
+        links_out.batch_index[place] = batch_index
+        links_out.source[place] = source
         for instance in range(instances):
-            pose = links.pose[batch_index, instance]
+            pose = links_out.pose[batch_index, instance]
             at = rotated(-pose[3], -pose[4], -pose[5], pose[6], wp.vec3d(pose[0], pose[1], pose[2]))
-            links.tx[place, instance] = into_frame(pose, -at, tx)
-            links.rx[place, instance] = into_frame(pose, -at, rx)
-        links.tx[place, instances] = tx
-        links.rx[place, instances] = rx
-    links.first_link[source + 1] = count
-    given.count[0] = source + 1
+            links_out.tx[place, instance] = into_frame(pose, -at, tx)
+            links_out.rx[place, instance] = into_frame(pose, -at, rx)
+        links_out.tx[place, instances] = tx
+        links_out.rx[place, instances] = rx
+    links_out.first_link[source + 1] = count
+    order_out.sources[0] = source + 1

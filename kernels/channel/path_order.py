@@ -20,7 +20,7 @@ SAME_NORMAL = wp.constant(wp.float64(SAME_NORMAL_COS))
 
 @wp.struct
 class UnsortedPaths:
-    """Paths of at most D interactions, P of them at most, in any order; the rest is scratch but `row`."""
+    """Paths of at most D interactions, P of them at most, in any order."""
 
     link: wp.array[int]
     """Link of each, shape [P]."""
@@ -36,6 +36,12 @@ class UnsortedPaths:
     """Unit normal of each, 0 for a diffraction, shape [P, D]."""
     ray: wp.array[int]
     """Ray of a diffuse path, -1 for all others, shape [P]."""
+
+
+@wp.struct
+class PathOrder:
+    """Order of paths; all but rows and their count is scratch."""
+
     key: wp.array2d[wp.float64]
     """Keys by which paths are sorted, shape [P, 3 + 2 D]."""
     near_key: wp.array2d[wp.float64]
@@ -51,9 +57,9 @@ class UnsortedPaths:
     spare: wp.array[int]
     """Shape [P]."""
     row: wp.array[int]
-    """Paths in the order of the keys, shape [P]; then those to keep; written."""
+    """Paths in the order of the keys, shape [P]; then those to keep."""
     count: wp.array[int]
-    """Number of paths to keep, shape [1]; written."""
+    """Number of paths to keep, shape [1]."""
 
 
 @wp.struct
@@ -123,6 +129,8 @@ def order_paths_kernel(
     area: wp.array[wp.float64],
     origin: wp.vec3d,
     lift: wp.float64,
+    # out
+    order_out: PathOrder,
 ):
     """Find the paths to keep, sorted by link, order, kinds, surfaces and ray.
 
@@ -134,54 +142,54 @@ def order_paths_kernel(
     depth = paths.kind.shape[1]
     many = wp.int32(0)
     for path in range(count):
-        paths.key[path, 0] = wp.float64(paths.link[path])
-        paths.key[path, 1] = wp.float64(paths.order[path])
+        order_out.key[path, 0] = wp.float64(paths.link[path])
+        order_out.key[path, 1] = wp.float64(paths.order[path])
         for step in range(depth):
-            paths.key[path, 2 + step] = wp.float64(paths.kind[path, step])
-            paths.key[path, 2 + depth + step] = wp.float64(paths.surface[path, step])
-        paths.key[path, 2 + 2 * depth] = wp.float64(paths.ray[path])
-        paths.row[path] = path
-    sort_rows(paths.key, count, paths.row, paths.spare)
+            order_out.key[path, 2 + step] = wp.float64(paths.kind[path, step])
+            order_out.key[path, 2 + depth + step] = wp.float64(paths.surface[path, step])
+        order_out.key[path, 2 + 2 * depth] = wp.float64(paths.ray[path])
+        order_out.row[path] = path
+    sort_rows(order_out.key, count, order_out.row, order_out.spare)
     for place in range(count):
-        path = paths.row[place]
-        paths.rank[path] = place
-        paths.is_dropped[path] = wp.uint8(0)
+        path = order_out.row[place]
+        order_out.rank[path] = place
+        order_out.is_dropped[path] = wp.uint8(0)
         if paths.ray[path] == -1 and paths.order[path] > 0:
             link = paths.link[path]
-            paths.near_key[path, 0] = paths.key[path, 0]
-            paths.near_key[path, 1] = paths.key[path, 1]
-            paths.near_key[path, 2] = path_length(paths, path, ends.tx[link], ends.rx[link])
+            order_out.near_key[path, 0] = order_out.key[path, 0]
+            order_out.near_key[path, 1] = order_out.key[path, 1]
+            order_out.near_key[path, 2] = path_length(paths, path, ends.tx[link], ends.rx[link])
             size = wp.float64(0.0)
             for step in range(depth):
                 surface = paths.surface[path, step]
                 if paths.kind[path, step] != DIFFRACTION and surface >= 0:
                     size = size + area[surface]
-            paths.size[path] = size
-            paths.near[many] = path
+            order_out.size[path] = size
+            order_out.near[many] = path
             many = many + 1
-    sort_rows(paths.near_key, many, paths.near, paths.spare)
+    sort_rows(order_out.near_key, many, order_out.near, order_out.spare)
     for place in range(many):
-        one = paths.near[place]
+        one = order_out.near[place]
         apart = same_place_m(paths, one, origin, lift)
         reach = wp.float64(2.0) * apart * wp.float64(paths.order[one])
         after = place + 1
         while after < many:
-            other = paths.near[after]
-            is_near = paths.near_key[other, 0] == paths.near_key[one, 0]
-            is_near = is_near and paths.near_key[other, 1] == paths.near_key[one, 1]
-            if is_near and paths.near_key[other, 2] - paths.near_key[one, 2] <= reach:
+            other = order_out.near[after]
+            is_near = order_out.near_key[other, 0] == order_out.near_key[one, 0]
+            is_near = is_near and order_out.near_key[other, 1] == order_out.near_key[one, 1]
+            if is_near and order_out.near_key[other, 2] - order_out.near_key[one, 2] <= reach:
                 if is_same(paths, one, other, apart):
-                    is_first = paths.size[one] < paths.size[other]
-                    if paths.size[one] == paths.size[other]:
-                        is_first = paths.rank[one] < paths.rank[other]
-                    paths.is_dropped[wp.where(is_first, other, one)] = wp.uint8(1)
+                    is_first = order_out.size[one] < order_out.size[other]
+                    if order_out.size[one] == order_out.size[other]:
+                        is_first = order_out.rank[one] < order_out.rank[other]
+                    order_out.is_dropped[wp.where(is_first, other, one)] = wp.uint8(1)
                 after = after + 1
             else:
                 after = many
     kept = wp.int32(0)
     for place in range(count):
-        path = paths.row[place]
-        if paths.is_dropped[path] == wp.uint8(0):
-            paths.row[kept] = path
+        path = order_out.row[place]
+        if order_out.is_dropped[path] == wp.uint8(0):
+            order_out.row[kept] = path
             kept = kept + 1
-    paths.count[0] = kept
+    order_out.count[0] = kept

@@ -19,16 +19,22 @@ class MountedAntennas:
     """Angular velocity of the body in the world frame [rad/s]."""
     place: wp.array[wp.vec3d]
     """Place in the frame of the body [m]."""
-    position_out: wp.array[wp.vec3d]
-    """Place in the world [m]."""
-    rotation_out: wp.array[wp.mat33d]
+
+
+@wp.struct
+class AntennaStates:
+    """Antennas in the world, an entry each."""
+
+    position: wp.array[wp.vec3d]
+    """Place [m]."""
+    rotation: wp.array[wp.mat33d]
     """Body-to-world rotation."""
-    velocity_out: wp.array[wp.vec3d]
-    """Velocity of the antenna [m/s]."""
+    velocity: wp.array[wp.vec3d]
+    """Velocity [m/s]."""
 
 
 @wp.kernel
-def mounted_antennas_kernel(antennas: MountedAntennas):
+def mounted_antennas_kernel(antennas: MountedAntennas, states_out: AntennaStates):
     """Compute place, rotation and velocity: those of a rigid body, v + w x r. Launch: dim=N."""
     row = wp.tid()
     one = wp.float64(1.0)
@@ -62,6 +68,6 @@ def mounted_antennas_kernel(antennas: MountedAntennas):
         rate[2] * lever[0] - rate[0] * lever[2],
         rate[0] * lever[1] - rate[1] * lever[0],
     )
-    antennas.position_out[row] = wp.vec3d(pose[0] + lever[0], pose[1] + lever[1], pose[2] + lever[2])
-    antennas.rotation_out[row] = turn
-    antennas.velocity_out[row] = antennas.velocity[row] + carried
+    states_out.position[row] = wp.vec3d(pose[0] + lever[0], pose[1] + lever[1], pose[2] + lever[2])
+    states_out.rotation[row] = turn
+    states_out.velocity[row] = antennas.velocity[row] + carried

@@ -77,7 +77,7 @@ class _Present:
     actor: np.ndarray
     """Actor of each, shape [N]."""
     mounts: Mounts
-    """Where each is on its actor."""
+    """Place of each on its actor."""
     of_link: tuple[np.ndarray, np.ndarray]
     """Transmitting and receiving antenna of each link, shape [L] each."""
 

@@ -11,7 +11,7 @@ from mmw.core.kinematics import Motion, motion_at
 from mmw.core.packed_arrays import borrow_arrays
 from mmw.core.repeated_launch import launch_again
 from mmw.core.transforms import pose_from_mount, quaternion_to_matrix
-from mmw.kernels.core.mounted_antennas import MountedAntennas, mounted_antennas_kernel
+from mmw.kernels.core.mounted_antennas import AntennaStates, MountedAntennas, mounted_antennas_kernel
 from mmw.scene.scene_data import SceneData
 
 
@@ -77,15 +77,17 @@ def mounted_antennas(
         motion: Derivatives of all `poses` of the scene, if they are known.
     """
     motion, at = motion_at(arrays.poses, rows, arrays.pose_dt, motion)
-    own = at[row]
-    given = arrays.poses[rows[row], actor], motion.velocity[own, actor], motion.world_rate[own, actor], mounts.place
+    place = at[row], actor
+    given = arrays.poses[rows[row], actor], motion.velocity[place], motion.world_rate[place], mounts.place
     vectors, count = ((len(actor),), wp.vec3d), len(actor)
     block = borrow_arrays(
         "cpu", ((count,), wp.transformd), vectors, vectors, vectors, vectors, ((count,), wp.mat33d), vectors
     )
     for target, values in zip(block.host, given, strict=False):
         target[...] = values
-    launch_again(mounted_antennas_kernel, (count,), [block.struct(MountedAntennas, *MountedAntennas.vars)], "cpu")
+    own = block.struct(MountedAntennas, *MountedAntennas.vars, *3 * (None,))
+    states = block.struct(AntennaStates, *4 * (None,), *AntennaStates.vars)
+    launch_again(mounted_antennas_kernel, (count,), [own, states], "cpu")
     position, rotation, velocity = (values.copy() for values in block.host[len(given) :])
     block.release()
     if len(mounts.turned):  # others keep the bits of the actor's rotation

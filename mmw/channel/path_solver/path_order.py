@@ -8,7 +8,7 @@ from mmw.channel.path_solver.search import vector
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.packed_arrays import Layout, borrow_arrays, padded_count
 from mmw.core.repeated_launch import launch_again
-from mmw.kernels.channel.path_order import PathEnds, UnsortedPaths, order_paths_kernel
+from mmw.kernels.channel.path_order import PathEnds, PathOrder, UnsortedPaths, order_paths_kernel
 from mmw.kernels.channel.surfaces import LIFT
 
 
@@ -29,12 +29,13 @@ def rows_to_keep(found: TracedPaths, links: Links, area: wp.array, origin: np.nd
         target[:count] = values
     ends.host[0][...], ends.host[1][...] = links.tx.position, links.rx.position
     arguments = [
-        block.struct(UnsortedPaths, *UnsortedPaths.vars),
+        block.struct(UnsortedPaths, *UnsortedPaths.vars, *len(PathOrder.vars) * (None,)),
         count,
         ends.struct(PathEnds, *PathEnds.vars),
         area,
         vector(*origin.tolist()),
         LIFT.value,
+        block.struct(PathOrder, *len(UnsortedPaths.vars) * (None,), *PathOrder.vars),
     ]
     launch_again(order_paths_kernel, (1,), arguments, "cpu")
     *_, row, kept = block.host
@@ -45,7 +46,7 @@ def rows_to_keep(found: TracedPaths, links: Links, area: wp.array, origin: np.nd
 
 
 def _layouts(count: int, depth: int) -> list[Layout]:
-    """Return the arrays of `UnsortedPaths`."""
+    """Return the arrays of `UnsortedPaths` and `PathOrder`."""
     ints, numbers = ((count,), wp.int32), ((count,), wp.float64)
     steps, vectors = ((count, depth), wp.int32), ((count, depth), wp.vec3d)
     keys = ((count, 3 + 2 * depth), wp.float64), ((count, 3), wp.float64)

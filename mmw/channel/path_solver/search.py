@@ -15,7 +15,7 @@ from mmw.config import ChannelConfig
 from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
 from mmw.core.repeated_launch import launch_again
 from mmw.core.transfer import scalar_type
-from mmw.kernels.channel.link_order import LINK_KEYS, GivenLinks, OrderedLinks, order_links_kernel
+from mmw.kernels.channel.link_order import LINK_KEYS, GivenLinks, LinkOrder, OrderedLinks, order_links_kernel
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
 
@@ -174,8 +174,9 @@ class Search:
         for target, values in zip(given.host, inputs, strict=False):
             target[...] = values
         arguments = [
-            given.struct(GivenLinks, *GivenLinks.vars),
+            given.struct(GivenLinks, *GivenLinks.vars, *4 * (None,)),
             vector(*scene.origin.tolist()),
+            given.struct(LinkOrder, *4 * (None,), *LinkOrder.vars),
             links.struct(OrderedLinks, *OrderedLinks.vars, on_host=True),
         ]
         launch_again(order_links_kernel, (1,), arguments, "cpu")
@@ -193,7 +194,7 @@ class Search:
 
 
 def _given_links(count: int, poses: Layout) -> PackedArrays:
-    """Return a block for `GivenLinks` on the host."""
+    """Return a block for `GivenLinks` and `LinkOrder` on the host."""
     ints, vectors = ((count,), wp.int32), ((count,), wp.vec3d)
     return borrow_arrays(
         "cpu", ints, vectors, vectors, poses, ((count, LINK_KEYS), wp.float64), ints, ints, ((1,), wp.int32)
