@@ -90,6 +90,11 @@ class PackedArrays:
         wp.synchronize_stream(wp.get_stream(self._block.device))
         return self.host
 
+    @property
+    def size(self) -> int:
+        """Memory of the block on the device [bytes]."""
+        return self._block.size * ALIGNMENT
+
     @cached_property
     def host_arrays(self) -> list[wp.array]:
         """The arrays of `host`, for kernels that run on the CPU."""

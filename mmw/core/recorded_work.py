@@ -93,6 +93,15 @@ class NewArrays:
         """Return memory of the host that launches may copy a block to; None where the host fetches it."""
         return None
 
+    def block(self, layouts: tuple[Layout, ...], *, is_scratch: bool = False) -> PackedArrays:
+        """Return arrays in one block, with a side on the host but for scratch."""
+        key = "block", is_scratch, layouts
+        return self._take(key, lambda: PackedArrays(self.device, layouts, is_scratch, is_pinned=True))
+
+    def once(self, name: str, make: Callable[[], T]) -> T:
+        """Return what a function makes from what does not change: arrays of constants."""
+        return self._take(("once", name), make)
+
     def _take(self, what: Hashable, make: Callable[[], T]) -> T:
         return make()
 
@@ -356,6 +365,8 @@ def _bytes(value: Any) -> int:
     """Return the memory of an array, of those of a struct, or of a packed block [bytes]."""
     if isinstance(value, wp.array):
         return value.size * wp.types.type_size_in_bytes(value.dtype)
+    if isinstance(value, PackedArrays):
+        return value.size
     if isinstance(value, tuple):
         return _bytes(value[0])
     return sum(_bytes(getattr(value, name)) for name in value._cls.vars)

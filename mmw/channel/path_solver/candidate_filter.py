@@ -10,7 +10,7 @@ from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, 
 from mmw.channel.path_solver.candidates import launches, no_values
 from mmw.channel.path_solver.link_blocks import MANY_LINKS, block_candidates, block_reflections, make_link_blocks
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
-from mmw.core.repeated_launch import launch_again
+from mmw.channel.path_solver.workspace import MAX_KEPT_LINKS, can_record
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.finite_surfaces import cull_finite_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
@@ -54,14 +54,14 @@ def reflected_candidates(
             first, count = int(part.first_link[0]), int(part.first_link[-1] - part.first_link[0])
             shape = -(-count // 8), -(-len(search.table) // 8)
             inputs = [links.ends, search.table.device, first, count, begin, is_hit, of_surface, target]
-            launch_again(cull_reflections_kernel, shape, [*inputs, *out], device)
+            search.launch(cull_reflections_kernel, shape, [*inputs, *out])
         else:
             yield from block_reflections(search, links, part, is_hit, blocks)
         if tree is not None:
             _build_tree(search, part, tree)
             if blocks is None:
                 inputs = [links.ends, search.table.device, search.pose, tree, of_plane, target]
-                launch_again(cull_candidates_kernel, tree.key.shape, [*inputs, *out], device)
+                search.launch(cull_candidates_kernel, tree.key.shape, [*inputs, *out])
             else:
                 yield from block_candidates(search, links, part, tree, blocks)
             if backward is not None:
@@ -75,8 +75,19 @@ def lists_reflections(search: Search) -> bool:
     config = search.config
     if not config.specular_reflection or config.max_depth == 0 or not len(search.table):
         return False
-    is_few = (np.diff(search.forward.sources.first_link) < MANY_LINKS).any()
-    return (config.max_depth > 1 or search.table.outlines is None) and bool(is_few)
+    if config.max_depth == 1 and search.table.outlines is not None:
+        return False
+    return len(search.links) < MANY_LINKS or bool((np.diff(search.sources.first_link) < MANY_LINKS).any())
+
+
+def is_recordable(search: Search) -> bool:
+    """Return whether all candidates are listed on the device, by launches that are the same for searches of a kind and
+    worth to be recorded."""
+    table = search.table
+    if len(search.links) > MAX_KEPT_LINKS or not can_record(search.scene.device):
+        return False
+    has_wedges = search.config.diffraction and len(table.wedges) > 0
+    return table.outlines is None and table.foliage is None and not has_wedges
 
 
 def diffracted_candidates(search: Search, links: SortedLinks) -> Iterator[Candidates]:
@@ -110,7 +121,7 @@ def _build_tree(search: Search, sources: Sources, tree: CandidateTree) -> None:
         [tree.source, tree.image, tree.normal, tree.offset],
     )
     for level in range(2, search.config.max_depth + 1):
-        launch_again(image_kernel, tree.key.shape, [*inputs, level, tree, *out], search.scene.device)
+        search.launch(image_kernel, tree.key.shape, [*inputs, level, tree, *out])
 
 
 def _double_sided(

@@ -1,18 +1,18 @@
 """Refine candidates to paths: those that kernels list on the device, without the host in between, and those of it."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.candidate_output import Candidates
-from mmw.channel.path_solver.candidates import grow_cells
+from mmw.channel.path_solver.candidates import cells_name, grow_cells
 from mmw.channel.path_solver.search import Search, vector
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
-from mmw.core.repeated_launch import launch_again
+from mmw.core.recorded_work import Same
 from mmw.kernels.channel.candidate_list import COUNTS, FOUND, FULL, LISTED, CandidateList
 from mmw.kernels.channel.image_method import FoundPaths, PathCandidates, refine_kernel
 from mmw.kernels.channel.segments import HitBuffers
@@ -22,6 +22,10 @@ CANDIDATES_AT_ONCE = 2**20
 
 FIRST_ROOM = {"candidates": (128, 2**18), "paths": (16, 2**16)}
 """Candidates and paths of a link that there is room for, and of all links at most, until a search has more."""
+
+
+BATCH_ARRAYS = ("instances", "group_root", "instance_pose", "instance_present")
+"""Arrays of the scene's struct that each batch writes: recorded launches read those that were there."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +38,11 @@ class Listed:
 
 
 def find_listed(
-    search: Search, sights: int, is_wanted: bool, fill: Callable[[Listed], list[Candidates]]
+    search: Search,
+    sights: int,
+    is_wanted: bool,
+    fill: Callable[[Listed], list[Candidates]],
+    is_recordable: bool = False,
 ) -> tuple[TracedPaths, list[Candidates]]:
     """Return the paths among listed candidates, whose links count in the order of the transmitters, in any order.
 
@@ -45,20 +53,30 @@ def find_listed(
         sights: Number of links whose lines of sight are wanted: all or none.
         is_wanted: Whether there may be any candidates but these.
         fill: Lists candidates, and returns those that are on the host; these are not refined.
+        is_recordable: Whether `fill` returns none, and does the same with every search of the same configuration and
+            numbers of links of each transmitter, by `Search.launch` alone: it is recorded.
     """
     table, depth, links = search.table, max(1, search.config.max_depth), len(search.links)
     while True:
         room = padded_count(_room(search, "candidates")) if is_wanted else 0
         most = min(sights + room, sights + _room(search, "paths"))
-        at_once = min(sights + room, CANDIDATES_AT_ONCE)
-        block = search.borrow(*_list_layouts(room, depth), is_scratch=True)
-        out = _found_block(search, most)
-        out.arrays[0].zero_()
-        listed = Listed(block.struct(CandidateList, "link", "step", "is_plane"), out.arrays[0])
-        others = fill(listed)
-        for begin in range(0, sights + room, CANDIDATES_AT_ONCE):
-            _refine(search, listed.rows, -1, sights, begin, min(at_once, sights + room - begin), out)
-        counts, *columns = out.download()
+
+        def launch(room: int = room, most: int = most) -> tuple[PackedArrays, list[Candidates]]:
+            search.upload_links()
+            block = search.borrow(*_list_layouts(room, depth), is_scratch=True)
+            out = _found_block(search, most)
+            out.arrays[0].zero_()
+            listed = Listed(block.struct(CandidateList, "link", "step", "is_plane"), out.arrays[0])
+            others, at_once = fill(listed), min(sights + room, CANDIDATES_AT_ONCE)
+            for begin in range(0, sights + room, CANDIDATES_AT_ONCE):
+                _refine(search, listed.rows, -1, sights, begin, min(at_once, sights + room - begin), out)
+            if is_recordable:
+                out.queue_download()
+            return out, others
+
+        key = (*_record_key(search), room, most) if is_recordable else None
+        out, others = search.run(key, launch)
+        counts, *columns = out.download(is_queued=is_recordable)
         is_wanted |= bool(counts[LISTED])
         needed = {"candidates": int(counts[LISTED]), "paths": int(counts[FOUND])}
         if counts[FULL]:
@@ -68,6 +86,14 @@ def find_listed(
         for name, count in needed.items():  # half as much again, for the next batches
             if count > _room(search, name):
                 table.sizes[_name(search, name)] = -(-3 * count // (2 * max(links, 1)))
+
+
+def _record_key(search: Search) -> tuple[Hashable, ...]:
+    """Return what decides the launches of a search, beside the numbers of links and poses and the room."""
+    struct = search.scene.struct
+    memory = (getattr(struct, name).ptr for name in BATCH_ARRAYS)
+    cells = search.table.sizes.get(cells_name(search))
+    return Same(struct), *memory, Same(search.config), search.sources.first_link.tobytes(), cells
 
 
 def joined(candidates: Iterable[Candidates]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
@@ -181,7 +207,7 @@ def _refine(
         out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
         out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
     ]
-    launch_again(refine_kernel, (count, thread_spread(device, count)), arguments, device, block_dim=64)
+    search.launch(refine_kernel, (count, thread_spread(device, count)), arguments, block_dim=64)
 
 
 def _traced(columns: list[np.ndarray], rows: np.ndarray | slice) -> TracedPaths:

@@ -10,7 +10,6 @@ import warp as wp
 from mmw.channel.path_solver.search import Search, Sources
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
-from mmw.core.repeated_launch import launch_again
 from mmw.kernels.channel.candidate_list import COUNTS, FULL
 from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
 from mmw.kernels.channel.reflection_candidates import CandidateTree
@@ -89,12 +88,10 @@ def _first_planes_and_tree(
     scene, table, config = search.scene, search.table, search.config
     if config.candidates == "exhaustive":
         is_hit = no_values(scene.device, 2, wp.uint8)
-        keys = all_path_candidates(len(sources), table.plane_count, config.max_depth) if config.max_depth > 1 else []
-        if not len(keys):
+        if config.max_depth == 1:
             return is_hit, None
-        tree = _tree(search, sources, len(keys))
-        wp.copy(tree.key, wp.array(keys, dtype=wp.uint64, device=scene.device))
-        return is_hit, tree
+        keys = search.once("keys", lambda: _all_keys(search, len(sources)))
+        return is_hit, _tree(search, sources, keys.shape[0], keys) if keys.shape[0] else None
     if config.max_depth == 1:
         return launch_rays(search, sources, config.samples_per_tx, counts=counts)[0], None
     patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
@@ -115,28 +112,43 @@ def _first_planes_and_tree(
         grow_cells(search)
 
 
-def _tree(search: Search, sources: Sources, cells: int) -> CandidateTree:
-    """Return a tree of candidates, with undefined values but its first links."""
-    layouts = [((cells,), kind) for kind in (wp.uint64, wp.int32, wp.float64, wp.vec3d, wp.vec3d)]
-    block = search.borrow(*layouts, is_scratch=True)
-    tree = block.struct(CandidateTree, "key", "source", "offset", "image", "normal")
+def _tree(search: Search, sources: Sources, cells: int, keys: wp.array | None = None) -> CandidateTree:
+    """Return a tree of candidates, with undefined values but its first links, and the keys where they are given."""
+    names = ["source", "offset", "image", "normal"]
+    layouts = [((cells,), kind) for kind in (wp.int32, wp.float64, wp.vec3d, wp.vec3d)]
+    if keys is None:
+        names, layouts = ["key", *names], [((cells,), wp.uint64), *layouts]
+    tree = search.borrow(*layouts, is_scratch=True).struct(CandidateTree, *names)
+    if keys is not None:
+        tree.key = keys
     tree.first, tree.plane_count = len(sources) * search.table.plane_count, search.table.plane_count
     tree.first_link = sources.device[3]
     return tree
 
 
+def _all_keys(search: Search, sources: int) -> wp.array:
+    """Return `all_path_candidates` on the device."""
+    values = all_path_candidates(sources, search.table.plane_count, search.config.max_depth)
+    return wp.array(values, dtype=wp.uint64, device=search.scene.device)
+
+
 def _cells(search: Search) -> int:
-    """Return the cells for each transmitter."""
+    """Return the cells of the table of candidates for each transmitter."""
     config, table = search.config, search.table
     patterns = 2 ** (config.max_depth - 1) if config.refraction and table.is_slab.any() else 1
     max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * patterns  # half full at worst
     first = min(FIRST_CELLS << 3 * (config.max_depth - 2), max_candidates)
-    return table.sizes.get(f"cells at depth {config.max_depth}", first)
+    return table.sizes.get(cells_name(search), first)
+
+
+def cells_name(search: Search) -> str:
+    """Return the name of the number of cells in `SurfaceTable.sizes`."""
+    return f"cells at depth {search.config.max_depth}"
 
 
 def grow_cells(search: Search) -> None:
     """Make the next launches have more cells: a candidate found none."""
-    search.table.sizes[f"cells at depth {search.config.max_depth}"] = 4 * _cells(search)
+    search.table.sizes[cells_name(search)] = 4 * _cells(search)
 
 
 @cache
@@ -197,7 +209,7 @@ def launch_rays(
             keys,
             counts,
         ]
-        launch_again(launch_kernel, (len(sources), row_count * stride), arguments, device, block_dim=64)
+        search.launch(launch_kernel, (len(sources), row_count * stride), arguments, block_dim=64)
     return is_hit, counts
 
 

@@ -1,12 +1,16 @@
 """Trace the geometry of all paths of a batch: candidates, image method, visibility, deduplication."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.candidate_filter import diffracted_candidates, lists_reflections, reflected_candidates
+from mmw.channel.path_solver.candidate_filter import (
+    diffracted_candidates,
+    is_recordable,
+    lists_reflections,
+    reflected_candidates,
+)
 from mmw.channel.path_solver.candidate_list import Listed, find_listed, joined, refine_given
 from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, selected_pairs
 from mmw.channel.path_solver.curved_candidates import (
@@ -43,7 +47,11 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
     if len(links):
         sights = len(links) if config.los else 0
         listed, others = find_listed(
-            search, sights, lists_reflections(search), lambda listed: list(_candidates(search, is_pair, listed))
+            search,
+            sights,
+            lists_reflections(search),
+            lambda listed: list(_candidates(search, is_pair, listed)),
+            is_pair is None and is_recordable(search),
         )
         found.append(_of_mirrors(table, listed))
         for part in joined(_at_mirrors(table, others)):
@@ -57,7 +65,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
         paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     if not len(paths):
         return paths
-    paths = replace(paths, link=search.forward.order[paths.link])
+    paths = TracedPaths(search.order[paths.link], *paths.columns[1:])
     return paths.take(rows_to_keep(paths, links, table.host_area, search.scene.origin))
 
 
@@ -68,7 +76,7 @@ def _curved_paths(search: Search, curved: CurvedTable) -> Iterator[TracedPaths]:
         given = [wp.array(values, dtype=wp.int32, device=device) for values in (link, facet)]
         touched, normal, point = curved_points(search, *given, curved)
         paths, kept = refine_given(search, link, step, False, (touched, normal))
-        own = search.forward.order[paths.link]
+        own = search.order[paths.link]
         share, _ = curved_shares(search, own, facet[kept], paths.vertex[:, 0], curved, is_facet=True)
         strength = np.linalg.norm(share, axis=1) / path_lengths(*_ends(search, paths), paths)
         yield paths.take(separate_points(paths, facet[kept], point.numpy()[kept], strength, curved))
@@ -154,7 +162,7 @@ def _reverse(step: np.ndarray) -> np.ndarray:
 
 def _ends(search: Search, found: TracedPaths) -> tuple[np.ndarray, np.ndarray]:
     """Return both ends of paths whose links count in the order of the sources, shape [P, 3] each."""
-    rows = search.forward.order[found.link]
+    rows = search.order[found.link]
     return search.links.tx.position[rows], search.links.rx.position[rows]
 
 
@@ -163,7 +171,7 @@ def _wedge_candidates(search: Search) -> Iterator[Candidates]:
     links, wedges, device = search.links, search.table.wedges, search.scene.device
     at_once = max(1, PAIRS_AT_ONCE // len(wedges))
     for begin in range(0, len(links), at_once):
-        rows = search.forward.order[begin : begin + at_once]
+        rows = search.order[begin : begin + at_once]
         inputs = [
             wp.array(links.batch_index[rows], dtype=wp.int32, device=device),
             *(wp.array(end.position[rows], dtype=wp.vec3d, device=device) for end in (links.tx, links.rx)),

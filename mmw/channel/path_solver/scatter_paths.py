@@ -83,7 +83,7 @@ def _paths_by_error(search: Search, rows: np.ndarray, error: float) -> list[Trac
     while len(rows):
         parts = _first_order(search, rows, rays)
         count, total, square = (np.zeros(len(search.links)) for _ in range(3))
-        row_of = [search.forward.order[paths.link] for paths in parts]
+        row_of = [search.order[paths.link] for paths in parts]
         for row, paths in zip(row_of, parts, strict=True):
             weight = _lambertian_power(search, row, paths)
             for sums, values in ((count, np.ones(len(row))), (total, weight), (square, weight**2)):
@@ -93,7 +93,7 @@ def _paths_by_error(search: Search, rows: np.ndarray, error: float) -> list[Trac
         if any(len(some) for some in done):
             whole = [paths.take(some) for paths, some in zip(parts, done, strict=True)]
             all_paths = TracedPaths(*(np.concatenate(c) for c in zip(*(w.columns for w in whole), strict=True)))
-            row = search.forward.order[all_paths.link]
+            row = search.order[all_paths.link]
             found.append(thin_out(all_paths, row, _lambertian_power(search, row, all_paths), int(KEPT_SHARE / limit)))
         found += _second_order(search, rows[is_done[rows]], rays)
         rows, rays = rows[~is_done[rows]], 2 * rays

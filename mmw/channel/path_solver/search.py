@@ -1,23 +1,31 @@
 """Prepare a search for paths: links in the order of their transmitters, poses, and the surfaces of the scene."""
 
+from collections.abc import Callable, Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cache, cached_property
 from math import prod
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
+from mmw.channel.path_solver.workspace import MAX_KEPT_LINKS, Workspace, given_layouts, ordered_layouts
 from mmw.config import ChannelConfig
 from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
+from mmw.core.recorded_work import KeptArrays
 from mmw.core.repeated_launch import launch_again
 from mmw.core.transfer import scalar_type
-from mmw.kernels.channel.link_order import LINK_KEYS, GivenLinks, LinkOrder, OrderedLinks, order_links_kernel
+from mmw.kernels.channel.link_order import GivenLinks, LinkOrder, OrderedLinks, order_links_kernel
 from mmw.kernels.channel.surfaces import LinkEnds
 from mmw.scene.device_scene import DeviceScene
+
+T = TypeVar("T")
+
+WORKSPACE_KINDS = 4
+"""Most shapes of searches whose memory is kept; design value."""
 
 SCRATCH_BYTES = 1 << 22
 """Largest array of a search that is kept for the next one [bytes]: an allocation costs what a kernel takes to fill some
@@ -84,9 +92,9 @@ class Search:
         config: Rays, candidate mode, depth, and which interactions are wanted.
         table: Surfaces of the scene, with their wedges if diffraction is wanted.
         host_pose: Instance-to-world poses with unit quaternions, shape [S, V, 7]; NaN for absent instances.
-        pose: The same on the device, shape [S, V].
         outlines: Outlines of the planes on the device, empty where surfaces are infinite.
-        forward: The links in the order of their transmitters.
+        order: Row of each link in the order of the transmitters, shape [L].
+        sources: The transmitters.
     """
 
     def __init__(self, scene: DeviceScene, links: Links, config: ChannelConfig, table: SurfaceTable):
@@ -94,20 +102,79 @@ class Search:
         self.scene, self.links, self.config, self.table = scene, links, config, table
         self._blocks: list[PackedArrays] = []
         self._scratch: list[tuple[tuple[tuple[int, ...], Any], wp.array]] = []
+        self._kept: KeptArrays | None = None
+        self._is_recording = False
         self.outlines = table.outlines_on_device(scene.device, config.carriers_hz)
         self._rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames])
-        self.forward = self.sort(links.batch_index, links.tx.position, links.rx.position)
-        self.host_pose, self.pose = self.forward.host_pose.copy(), self.forward.pose
+        self._shape = len(links), (len(self._rows), len(scene.instance_actor))
+        free = table.workspaces.get(self._shape)
+        self._space = free.pop() if free else Workspace(scene.device, *self._shape)
+        ends = links.batch_index, links.tx.position, links.rx.position
+        self._forward = self._sorted(self._space.given, self._space.links, *ends)
+        self._is_uploaded = False
+        self.order, self.sources = self._forward.order, self._forward.sources
+        self.host_pose = self._forward.host_pose.copy()
+
+    @property
+    def forward(self) -> SortedLinks:
+        """The links in the order of their transmitters."""
+        if not self._is_uploaded:
+            self.upload_links()
+        return self._forward
+
+    @property
+    def pose(self) -> wp.array:
+        """The poses on the device, shape [S, V]."""
+        return self.forward.pose
+
+    def upload_links(self) -> None:
+        """Copy links and poses to the device, which needs no call but in what is recorded."""
+        self._space.links.upload()
+        self._is_uploaded = True
+
+    def run(self, key: Hashable | None, launch: Callable[[], T]) -> T:
+        """Launch, or replay what was launched with a key, and return what `launch` returned.
+
+        Args:
+            key: All that decides what is launched, beside the numbers of links and poses; None where nothing is
+                recorded.
+            launch: Launches kernels by `launch` of this search, on its arrays and scratch. With a key, it begins with
+                `upload_links` and neither waits nor copies to or from the host but by `PackedArrays.fetch`.
+        """
+        if key is None:
+            return launch()
+
+        def launch_on(kept: KeptArrays | None, is_recording: bool) -> T:
+            self._kept, self._is_recording = kept, is_recording
+            try:
+                return launch()
+            finally:
+                self._kept, self._is_recording = None, False
+
+        result = self._space.run(key, launch_on)
+        self._is_uploaded = True
+        return result
+
+    def launch(
+        self, kernel: wp.Kernel, dim: Sequence[int], arguments: Sequence[Any], block_dim: int | None = None
+    ) -> None:
+        """Launch a kernel on the device of the scene, see `launch_again`."""
+        if self._is_recording:
+            wp.launch(kernel, dim, arguments, device=self.scene.device, block_dim=block_dim)
+        else:
+            launch_again(kernel, dim, arguments, self.scene.device, block_dim)
 
     @cached_property
     def rank(self) -> np.ndarray:
         """Place of each link in the order of `forward`, shape [L], int32."""
         rank = np.empty(len(self.links), dtype=np.int32)
-        rank[self.forward.order] = np.arange(len(self.links))
+        rank[self.order] = np.arange(len(self.links))
         return rank
 
     def scratch(self, shape: tuple[int, ...], kind: Any) -> wp.array:
         """Return an array on the device until `release`, with undefined values; small ones are used again."""
+        if self._kept is not None:
+            return self._kept.empty(shape, kind)
         size = wp.types.type_size_in_bytes(kind) * prod(shape)
         if size > SCRATCH_BYTES or len(self._scratch) >= SCRATCH_ARRAYS:
             return wp.empty(shape, dtype=kind, device=self.scene.device)
@@ -118,9 +185,15 @@ class Search:
 
     def borrow(self, *layouts: Layout, is_scratch: bool = False) -> PackedArrays:
         """Return a block of arrays until `release`, see `borrow_arrays`."""
+        if self._kept is not None:
+            return self._kept.block(layouts, is_scratch=is_scratch)
         block = borrow_arrays(self.scene.device, *layouts, is_scratch=is_scratch)
         self._blocks.append(block)
         return block
+
+    def once(self, name: str, make: Callable[[], T]) -> T:
+        """Return what a function makes; recorded launches keep it."""
+        return make() if self._kept is None else self._kept.once(name, make)
 
     def upload(self, *parts: tuple[np.ndarray, Any]) -> PackedArrays:
         """Return arrays on the device until `release`: values and Warp type of each."""
@@ -132,7 +205,7 @@ class Search:
         return block
 
     def release(self) -> None:
-        """Give the arrays on the device back, after the last launch; `forward` and `pose` are gone."""
+        """Give all arrays back, after the last launch; what is sorted and on the device is gone."""
         for block in self._blocks:
             block.release()
         self._blocks.clear()
@@ -141,7 +214,11 @@ class Search:
         for key, array in self._scratch:
             self.table.scratch.setdefault(key, []).append(array)
         self._scratch.clear()
-        del self.forward, self.pose
+        if self._shape[0] <= MAX_KEPT_LINKS:
+            if len(self.table.workspaces) > WORKSPACE_KINDS:
+                self.table.workspaces.clear()
+            self.table.workspaces.setdefault(self._shape, []).append(self._space)
+        del self._space, self._forward, self.order, self.sources
 
     def with_rays(self, rays: int) -> "Search":
         """Return the same search with another number of rays a transmitter."""
@@ -166,10 +243,18 @@ class Search:
 
     def sort(self, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> SortedLinks:
         """Return links, from `tx` to `rx` [m], in an order that brings those of one transmitter together."""
-        scene, count = self.scene, len(batch_index)
-        poses = (len(self._rows), len(scene.instance_actor)), wp.transformd
-        given, links = _given_links(count, poses), self.borrow(*_ordered_links(count, poses))
+        given = borrow_arrays("cpu", *given_layouts(len(batch_index), self._shape[1]))
         self._blocks.append(given)
+        block = self.borrow(*ordered_layouts(len(batch_index), self._shape[1]))
+        links = self._sorted(given, block, batch_index, tx, rx)
+        block.upload()
+        return links
+
+    def _sorted(
+        self, given: PackedArrays, links: PackedArrays, batch_index: np.ndarray, tx: np.ndarray, rx: np.ndarray
+    ) -> SortedLinks:
+        """Return `sort` in blocks of a workspace, without the upload."""
+        scene = self.scene
         inputs = batch_index, tx, rx, scene.arrays.poses[self._rows[:, None], scene.instance_actor]
         for target, values in zip(given.host, inputs, strict=False):
             target[...] = values
@@ -183,29 +268,13 @@ class Search:
         *_, order, sources = given.host
         number = int(sources[0])
         *_, batch_index, _, position, first_link, host_pose = links.host
-        *_, pose = links.upload()
         return SortedLinks(
             order,
             Sources(batch_index[:number], position[:number], first_link[: number + 1], tuple(links.arrays[4:8])),
             links.struct(LinkEnds, *LinkEnds.vars, *5 * (None,)),
             host_pose,
-            pose,
+            links.arrays[-1],
         )
-
-
-def _given_links(count: int, poses: Layout) -> PackedArrays:
-    """Return a block for `GivenLinks` and `LinkOrder` on the host."""
-    ints, vectors = ((count,), wp.int32), ((count,), wp.vec3d)
-    return borrow_arrays(
-        "cpu", ints, vectors, vectors, poses, ((count, LINK_KEYS), wp.float64), ints, ints, ((1,), wp.int32)
-    )
-
-
-def _ordered_links(count: int, poses: Layout) -> tuple[Layout, ...]:
-    """Return layouts of `OrderedLinks`."""
-    ints, ends = ((count,), wp.int32), ((count, poses[0][1] + 1), wp.vec3d)
-    places = ((count,), wp.vec3), ((count,), wp.vec3d)
-    return ints, ints, ends, ends, ints, *places, ((count + 1,), wp.int32), poses
 
 
 @cache

@@ -13,6 +13,7 @@ from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_we
 from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.channel.path_solver.surface_blocks import member_blocks, triangle_blocks
+from mmw.channel.path_solver.workspace import Workspace
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.finite_surfaces import Outlines
 from mmw.kernels.channel.surfaces import Surfaces
@@ -67,6 +68,8 @@ class SurfaceTable:
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
     scratch: dict[tuple[tuple[int, ...], Any], list[wp.array]] = field(default_factory=dict)
     """Arrays on the device that no search uses, by shape and type; see `Search.scratch`."""
+    workspaces: dict[tuple[int, tuple[int, int]], list[Workspace]] = field(default_factory=dict)
+    """Memory and records of searches by number of links and shape of poses, which no search uses."""
     of_carriers: dict[tuple[float, ...], Outlines] = field(default_factory=dict)
     """Outlines on the device for the carriers that were asked for."""
 

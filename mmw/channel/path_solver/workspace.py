@@ -1,0 +1,96 @@
+"""Keep the memory of searches of one shape, and record what they launch."""
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass
+from typing import Any
+
+import warp as wp
+
+from mmw.core.packed_arrays import Layout, PackedArrays
+from mmw.core.recorded_work import KeptArrays
+from mmw.kernels.channel.link_order import LINK_KEYS
+
+MAX_KEPT_LINKS = 64
+"""Most links of a search whose memory and records are kept for the next one of its shape: with more, the host's time
+counts little. Design value."""
+
+RECORD_BYTES = 1 << 27
+"""Most memory of the arrays of a record [bytes]: what takes more is launched directly. Design value."""
+
+MAX_RECORDS = 8
+"""Most records of a workspace: all are dropped beyond. Design value."""
+
+
+def can_record(device: str) -> bool:
+    """Return whether launches on a device are recorded; on the CPU, records save little and stop other threads."""
+    return wp.get_device(device).is_cuda
+
+
+class Workspace:
+    """Memory of one search at a time for some number of links and poses, and its records.
+
+    Attributes:
+        given: Block for `GivenLinks` and `LinkOrder` on the host.
+        links: Block for `OrderedLinks`.
+    """
+
+    def __init__(self, device: str, links: int, poses: tuple[int, int]) -> None:
+        """Allocate for a number of links and a shape of poses [S, V]."""
+        self._device = device
+        self.given = PackedArrays("cpu", given_layouts(links, poses))
+        self.links = PackedArrays(device, ordered_layouts(links, poses), is_pinned=links <= MAX_KEPT_LINKS)
+        self._records: dict[Hashable, _Record] = {}
+
+    def run(self, key: Hashable, launch: Callable[[KeptArrays | None, bool], Any]) -> Any:
+        """Launch, or replay what was launched with a key, and return what `launch` returned.
+
+        The first launch with a key loads the kernels and makes all arrays, the second one is recorded.
+
+        Args:
+            key: All that decides what is launched.
+            launch: Launches kernels, given a source of all arrays that it needs, None for any, and whether a record is
+                made: neither waits then, nor copies to or from the host but within blocks of that source or this
+                workspace.
+        """
+        record = self._records.get(key)
+        if record is None:
+            arrays = KeptArrays(self._device)
+            result = launch(arrays, False)
+            if len(self._records) >= MAX_RECORDS:
+                self._records.clear()
+            is_small = arrays.size <= RECORD_BYTES
+            self._records[key] = _Record(arrays, result) if is_small else _Record(None, None)
+            return result
+        if record.arrays is None:
+            return launch(None, False)
+        if record.graph is None:
+            record.arrays.rewind()
+            with wp.ScopedCapture(self._device, force_module_load=False) as capture:
+                record.result = launch(record.arrays, True)
+            record.graph = capture.graph
+        wp.capture_launch(record.graph)
+        return record.result
+
+
+@dataclass
+class _Record:
+    """Launches of one key."""
+
+    arrays: KeptArrays | None
+    """None where they would take too much memory, so that nothing is recorded."""
+    result: Any
+    graph: wp.Graph | None = None
+
+
+def given_layouts(links: int, poses: tuple[int, int]) -> tuple[Layout, ...]:
+    """Return layouts of `GivenLinks` and `LinkOrder` for a number of links and a shape of poses [S, V]."""
+    ints, vectors = ((links,), wp.int32), ((links,), wp.vec3d)
+    given = ints, vectors, vectors, (poses, wp.transformd)
+    return *given, ((links, LINK_KEYS), wp.float64), ints, ints, ((1,), wp.int32)
+
+
+def ordered_layouts(links: int, poses: tuple[int, int]) -> tuple[Layout, ...]:
+    """Return layouts of `OrderedLinks` for a number of links and a shape of poses [S, V]."""
+    ints, ends = ((links,), wp.int32), ((links, poses[1] + 1), wp.vec3d)
+    places = ((links,), wp.vec3), ((links,), wp.vec3d)
+    return ints, ints, ends, ends, ints, *places, ((links + 1,), wp.int32), (poses, wp.transformd)
