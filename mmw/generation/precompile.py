@@ -38,6 +38,9 @@ BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
 HOST_MODULES = ("core.bodies", "core.body_motion")
 """Modules that every run launches on the host, also with a GPU."""
 
+CHANNEL_ON_HOST = ("channel.path_order", "channel.link_order", "core.mounted_antennas")
+"""Modules that runs with a channel launch on the host, also with a GPU."""
+
 SENSORS_ON_HOST = frozenset(
     ("core.random_series", "navigation.gnss", "navigation.imu", "radar.estimates", "radar.thresholds")
 )
@@ -85,6 +88,7 @@ def compiled_ahead(config: Config, device: str) -> Iterator[list[Future[None]]]:
         for block in ((None,) if is_cpu else BLOCKS.get(name, (256,)))
     )
     on_host = [name for name in needed_modules(config, on_gpu=not is_cpu) if name in SENSORS_ON_HOST]
+    on_host += CHANNEL_ON_HOST if config.channel.enabled else ()
     waiting += [(name, None, "cpu") for name in (*HOST_MODULES, *on_host)]
     ended = threading.Event()
     pool = ThreadPoolExecutor(min(os.cpu_count() or 1, MAX_THREADS), thread_name_prefix="mmw-compiler")
