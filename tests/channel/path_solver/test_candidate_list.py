@@ -107,7 +107,7 @@ def test_recorded_launches_with_too_little_room_are_done_again(monkeypatch: pyte
 
 
 def test_workspaces_are_for_few_links(device: str) -> None:
-    """What many links need is not kept, and no two searches share what one has."""
+    """Memory of many links is not kept, and no two searches share what one has."""
     data = traffic(driving(np.arange(40) * 0.01))
     config = ChannelConfig(antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}), candidates="exhaustive", max_depth=1)
     scene = loaded(data, device, range(40))
