@@ -73,13 +73,11 @@ class _Present:
     ends: tuple[np.ndarray, ...]
     """Fields of `Links` of the names in `_ARRAYS` but `frame`."""
     row: np.ndarray
-    """Batch index of each antenna that is an end of a link, shape [N]."""
+    """Batch index of each transmitting, then of each receiving antenna, shape [2 L]."""
     actor: np.ndarray
-    """Actor of each, shape [N]."""
+    """Actor of each, shape [2 L]."""
     mounts: Mounts
     """Place of each on its actor."""
-    of_link: tuple[np.ndarray, np.ndarray]
-    """Transmitting and receiving antenna of each link, shape [L] each."""
 
 
 def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, motion: Motion | None = None) -> Links:
@@ -101,7 +99,8 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, 
     is_here = np.isfinite(arrays.poses[rows]).all(axis=2)
     present = _present_links(arrays.actors, config, len(rows), is_here.tobytes())
     antennas = mounted_antennas(arrays, rows, present.row, present.actor, present.mounts, motion)
-    tx, rx = (antennas.take(own) for own in present.of_link)
+    middle = len(present.row) // 2
+    tx, rx = antennas.take(slice(None, middle)), antennas.take(slice(middle, None))
     return Links(np.array(frames, dtype=np.int32)[present.ends[0]], *present.ends, tx, rx)
 
 
@@ -112,12 +111,9 @@ def _present_links(actors: tuple[Actor, ...], config: ChannelConfig, frames: int
     is_here = np.frombuffer(presence, dtype=bool).reshape(frames, -1)
     batch_index, row = np.nonzero(is_here[:, table[:, 1]] & is_here[:, table[:, 2]])
     kind, tx_actor, rx_actor, tx_antenna, rx_antenna = (np.ascontiguousarray(column) for column in table[row].T)
-    keys = np.stack([np.tile(batch_index, 2), np.append(tx_actor, rx_actor), np.append(tx_antenna, rx_antenna)], axis=1)
-    antennas, first, of_end = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    tx_of, rx_of = of_end.reshape(2, -1)
-    mounts = mounts_at(mount[:, row].reshape(-1, 7)[first])
     ends = batch_index.astype(np.int32), kind.astype(np.int8), tx_actor, rx_actor, tx_antenna, rx_antenna
-    return _Present(ends, antennas[:, 0], antennas[:, 1], mounts, (tx_of, rx_of))
+    mounts = mounts_at(mount[:, row].reshape(-1, 7))
+    return _Present(ends, np.tile(batch_index, 2), np.append(tx_actor, rx_actor), mounts)
 
 
 @remembered(owners=2, size=8)
