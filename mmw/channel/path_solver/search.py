@@ -12,7 +12,7 @@ import warp as wp
 
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
-from mmw.channel.path_solver.workspace import MAX_KEPT_LINKS, Workspace, given_layouts, ordered_layouts
+from mmw.channel.path_solver.workspace import Workspace, given_layouts, ordered_layouts
 from mmw.config import ChannelConfig
 from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
 from mmw.core.recorded_work import KeptArrays
@@ -214,7 +214,8 @@ class Search:
         for key, array in self._scratch:
             self.table.scratch.setdefault(key, []).append(array)
         self._scratch.clear()
-        if self._shape[0] <= MAX_KEPT_LINKS:
+        self._space.release()
+        if self._space.is_kept:
             if len(self.table.workspaces) > WORKSPACE_KINDS:
                 self.table.workspaces.clear()
             self.table.workspaces.setdefault(self._shape, []).append(self._space)

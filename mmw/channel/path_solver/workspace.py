@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from mmw.core.packed_arrays import Layout, PackedArrays
+from mmw.core.packed_arrays import Layout, PackedArrays, borrow_arrays
 from mmw.core.recorded_work import KeptArrays
 from mmw.kernels.channel.link_order import LINK_KEYS
 
@@ -32,14 +32,25 @@ class Workspace:
     Attributes:
         given: Block for `GivenLinks` and `LinkOrder` on the host.
         links: Block for `OrderedLinks`.
+        is_kept: Whether the workspace is for further searches too.
     """
 
     def __init__(self, device: str, links: int, poses: tuple[int, int]) -> None:
         """Allocate for a number of links and a shape of poses [S, V]."""
         self._device = device
-        self.given = PackedArrays("cpu", given_layouts(links, poses))
-        self.links = PackedArrays(device, ordered_layouts(links, poses), is_pinned=links <= MAX_KEPT_LINKS)
+        self.is_kept = links <= MAX_KEPT_LINKS
+        layouts = given_layouts(links, poses), ordered_layouts(links, poses)
+        if self.is_kept:
+            self.given, self.links = PackedArrays("cpu", layouts[0]), PackedArrays(device, layouts[1], is_pinned=True)
+        else:
+            self.given, self.links = borrow_arrays("cpu", *layouts[0]), borrow_arrays(device, *layouts[1])
         self._records: dict[Hashable, _Record] = {}
+
+    def release(self) -> None:
+        """Give the blocks back where the workspace is not kept."""
+        if not self.is_kept:
+            self.given.release()
+            self.links.release()
 
     def run(self, key: Hashable, launch: Callable[[KeptArrays | None, bool], Any]) -> Any:
         """Launch, or replay what was launched with a key, and return what `launch` returned.
