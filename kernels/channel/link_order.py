@@ -3,6 +3,7 @@
 import warp as wp
 
 from mmw.kernels.core.compiler import AS_NUMPY
+from mmw.kernels.core.quaternions import conjugated, normalized, rotated
 from mmw.kernels.core.row_order import is_before, sort_rows
 
 wp.set_module_options(AS_NUMPY)
@@ -64,23 +65,15 @@ class OrderedLinks:
 
 
 @wp.func
-def rotated(x: wp.float64, y: wp.float64, z: wp.float64, w: wp.float64, at: wp.vec3d) -> wp.vec3d:
-    """Return a vector rotated by a unit quaternion, as `mmw.core.transforms.rotate`."""
-    two = wp.float64(2.0)
-    a = two * (y * at[2] - z * at[1])
-    b = two * (z * at[0] - x * at[2])
-    c = two * (x * at[1] - y * at[0])
-    return wp.vec3d(
-        at[0] + w * a + (y * c - z * b),
-        at[1] + w * b + (z * a - x * c),
-        at[2] + w * c + (x * b - y * a),
-    )
+def attitude_of(pose: wp.transformd) -> wp.vec4d:
+    """Return the quaternion of a pose."""
+    return wp.vec4d(pose[3], pose[4], pose[5], pose[6])
 
 
 @wp.func
-def into_frame(pose: wp.transformd, shift: wp.vec3d, at: wp.vec3d) -> wp.vec3d:
-    """Return a point of the world in the frame of a pose whose inverse has the position `shift`."""
-    return rotated(-pose[3], -pose[4], -pose[5], pose[6], at) + shift
+def position_of(pose: wp.transformd) -> wp.vec3d:
+    """Return the position of a pose."""
+    return wp.vec3d(pose[0], pose[1], pose[2])
 
 
 @wp.kernel
@@ -100,12 +93,11 @@ def order_links_kernel(given: GivenLinks, origin: wp.vec3d, order_out: LinkOrder
     sort_rows(order_out.key, count, order_out.row, order_out.spare)
     for batch_index in range(given.pose.shape[0]):
         for instance in range(instances):
-            p = given.pose[batch_index, instance]
-            length = wp.sqrt(p[3] * p[3] + p[4] * p[4] + p[5] * p[5] + p[6] * p[6])
-            unit = wp.transformd(
-                wp.vec3d(p[0], p[1], p[2]), wp.quatd(p[3] / length, p[4] / length, p[5] / length, p[6] / length)
+            pose = given.pose[batch_index, instance]
+            unit = normalized(attitude_of(pose))
+            links_out.pose[batch_index, instance] = wp.transformd(
+                position_of(pose), wp.quatd(unit[0], unit[1], unit[2], unit[3])
             )
-            links_out.pose[batch_index, instance] = unit
     source = wp.int32(-1)
     for place in range(count):
         row = order_out.row[place]
@@ -126,10 +118,11 @@ def order_links_kernel(given: GivenLinks, origin: wp.vec3d, order_out: LinkOrder
         links_out.batch_index[place] = batch_index
         links_out.source[place] = source
         for instance in range(instances):
-            pose = links_out.pose[batch_index, instance]
-            at = rotated(-pose[3], -pose[4], -pose[5], pose[6], wp.vec3d(pose[0], pose[1], pose[2]))
-            links_out.tx[place, instance] = into_frame(pose, -at, tx)
-            links_out.rx[place, instance] = into_frame(pose, -at, rx)
+            own = links_out.pose[batch_index, instance]
+            back = conjugated(attitude_of(own))
+            shift = -rotated(back, position_of(own))
+            links_out.tx[place, instance] = rotated(back, tx) + shift
+            links_out.rx[place, instance] = rotated(back, rx) + shift
         links_out.tx[place, instances] = tx
         links_out.rx[place, instances] = rx
     links_out.first_link[source + 1] = count

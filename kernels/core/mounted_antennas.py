@@ -3,6 +3,7 @@
 import warp as wp
 
 from mmw.kernels.core.compiler import AS_NUMPY
+from mmw.kernels.core.quaternions import normalized
 
 wp.set_module_options(AS_NUMPY)
 
@@ -40,11 +41,11 @@ def mounted_antennas_kernel(antennas: MountedAntennas, states_out: AntennaStates
     one = wp.float64(1.0)
     two = wp.float64(2.0)
     pose = antennas.pose[row]
-    length = wp.sqrt(pose[3] * pose[3] + pose[4] * pose[4] + pose[5] * pose[5] + pose[6] * pose[6])
-    x = pose[3] / length
-    y = pose[4] / length
-    z = pose[5] / length
-    w = pose[6] / length
+    unit = normalized(wp.vec4d(pose[3], pose[4], pose[5], pose[6]))
+    x = unit[0]
+    y = unit[1]
+    z = unit[2]
+    w = unit[3]
     turn = wp.mat33d(
         one - two * (y * y + z * z),
         two * (x * y - z * w),
@@ -62,12 +63,6 @@ def mounted_antennas_kernel(antennas: MountedAntennas, states_out: AntennaStates
         turn[1, 0] * at[0] + turn[1, 1] * at[1] + turn[1, 2] * at[2],
         turn[2, 0] * at[0] + turn[2, 1] * at[1] + turn[2, 2] * at[2],
     )
-    rate = antennas.rate[row]
-    carried = wp.vec3d(
-        rate[1] * lever[2] - rate[2] * lever[1],
-        rate[2] * lever[0] - rate[0] * lever[2],
-        rate[0] * lever[1] - rate[1] * lever[0],
-    )
     states_out.position[row] = wp.vec3d(pose[0] + lever[0], pose[1] + lever[1], pose[2] + lever[2])
     states_out.rotation[row] = turn
-    states_out.velocity[row] = antennas.velocity[row] + carried
+    states_out.velocity[row] = antennas.velocity[row] + wp.cross(antennas.rate[row], lever)
