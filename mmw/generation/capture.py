@@ -159,6 +159,7 @@ def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
 def capture_channel(batch: Batch, surfaces: SurfaceTable, links: Links, collected: TableRows) -> None:
     """Add links and their paths: traced once, their field evaluated in every weather."""
     channel_rows(batch, links, trace_channel(batch, surfaces, links, collected), collected)
+    batch.clock.rays["channel"] += launched_rays(links, batch.config.channel)
 
 
 def trace_channel(batch: Batch, surfaces: SurfaceTable, links: Links, weathers: Iterable[str]) -> PathSet:
@@ -167,9 +168,7 @@ def trace_channel(batch: Batch, surfaces: SurfaceTable, links: Links, weathers: 
     with batch.clock.stage("channel"):
         materials = {weather: batch.arrays.materials[weather] for weather in weathers}
         air = {weather: batch.weather(weather) for weather in materials}
-        paths = solve_paths(batch.scene, links, config, materials, surfaces, air, motion=batch.motion)
-    batch.clock.rays["channel"] += launched_rays(links, config)
-    return paths
+        return solve_paths(batch.scene, links, config, materials, surfaces, air, motion=batch.motion)
 
 
 def channel_rows(batch: Batch, links: Links, paths: PathSet, collected: TableRows) -> None:

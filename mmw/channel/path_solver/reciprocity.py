@@ -28,7 +28,7 @@ def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.nd
     """
     tx, rx = links.tx_number, links.rx_number
     if set(tx.tolist()).isdisjoint(rx.tolist()):  # no antenna is an end of both kinds
-        return np.arange(len(links)), np.full(len(links), -1)
+        return all_links(links)
     order = np.lexsort((tx, np.maximum(tx, rx), np.minimum(tx, rx), links.batch_index))
     first, second = order[:-1], order[1:]
     polarization = np.array([antenna.polarization for antenna in config.antennas])
@@ -45,6 +45,11 @@ def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.nd
     number = np.full(len(links), -1)
     number[traced] = np.arange(len(traced))
     return traced, np.where(reverse_of >= 0, number[reverse_of], -1)
+
+
+def all_links(links: Links) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `unique_links` does where no link is the reverse of another one."""
+    return np.arange(len(links)), np.full(len(links), -1)
 
 
 def add_reversed_links(

@@ -10,7 +10,7 @@ from mmw.channel.path_solver.finite_shares import finite_shares, weakest_shares
 from mmw.channel.path_solver.found_geometry import first_faces, found_geometry, gather, range_rates
 from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.path_names import path_names
-from mmw.channel.path_solver.reciprocity import add_reversed_links, unique_links
+from mmw.channel.path_solver.reciprocity import add_reversed_links, all_links, unique_links
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_solver.trace import Trace, losses_db, traced_transfer
@@ -85,17 +85,17 @@ def trace_links(
         raise ValueError("channel.diffraction: the surface table has no wedges; make it with wedges=True")
     if config.foliage != (table.foliage is not None):
         raise ValueError(f"channel.foliage: the surface table is another one; make it with foliage={config.foliage}")
-    traced, reverse_of = np.arange(len(links)), np.full(len(links), -1)
-    if is_reciprocal and config.is_reciprocal:
-        traced, reverse_of = unique_links(links, config)
-    is_whole = len(traced) == len(links)
-    is_pair = np.zeros(len(traced), dtype=bool)
-    is_pair[reverse_of[reverse_of >= 0]] = True
+    is_shared = is_reciprocal and config.is_reciprocal
+    traced, reverse_of = unique_links(links, config) if is_shared else all_links(links)
+    is_whole, is_pair = len(traced) == len(links), None
+    if not is_whole:
+        is_pair = np.zeros(len(traced), dtype=bool)
+        is_pair[reverse_of[reverse_of >= 0]] = True
     if config.finite_surfaces and table.outlines is None:
         raise ValueError("channel.finite_surfaces: the surface table has no outlines; make it with finite=True")
     search = Search(scene, links if is_whole else links.take(traced), config, table)
     try:
-        found = trace_paths(search, None if is_whole else is_pair)
+        found = trace_paths(search, is_pair)
     finally:
         search.release()
     geometry, interactions = found_geometry(search, found)
