@@ -261,6 +261,11 @@ def can_record(device: str) -> bool:
     return not wp.get_device(device).is_cuda or wp.is_mempool_enabled(device)
 
 
+def prefers_records(device: str) -> bool:
+    """Return whether records save time on a device: on the CPU they save little, and stop other threads."""
+    return wp.get_device(device).is_cuda and can_record(device)
+
+
 class RecordedWork(Work):
     """Launches directly at the first call with a key, records the second one, and replays the record from then on.
 

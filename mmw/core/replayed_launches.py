@@ -4,20 +4,20 @@ from collections.abc import Callable, Hashable
 
 import warp as wp
 
-from mmw.core.recorded_work import can_record
+from mmw.core.recorded_work import prefers_records
 
 
 class ReplayedLaunches:
     """Launches directly at the first call with a key, records the second one in a row, and replays it from then on.
 
     Only a GPU gains by it: on the CPU `mmw.core.repeated_launch` is as quick, so that every call launches directly
-    there, and on a GPU that cannot record (`mmw.core.recorded_work.can_record`). The first call loads the kernels.
+    there, and on a GPU that cannot record (`mmw.core.recorded_work.prefers_records`). The first call loads the kernels.
     """
 
     def __init__(self, device: str) -> None:
         """Hold no record yet."""
         self._device = device
-        self._records = wp.get_device(device).is_cuda and can_record(device)
+        self._records = prefers_records(device)
         self._key: tuple[Hashable, ...] | None = None
         self._graph: wp.Graph | None = None
 

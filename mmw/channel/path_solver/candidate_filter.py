@@ -10,7 +10,8 @@ from mmw.channel.path_solver.candidate_output import PAIRS_AT_ONCE, Candidates, 
 from mmw.channel.path_solver.candidates import launches, no_values
 from mmw.channel.path_solver.link_blocks import MANY_LINKS, block_candidates, block_reflections, make_link_blocks
 from mmw.channel.path_solver.search import Search, SortedLinks, Sources
-from mmw.channel.path_solver.workspace import MAX_KEPT_LINKS, can_record
+from mmw.channel.path_solver.workspace import MAX_KEPT_LINKS
+from mmw.core.recorded_work import prefers_records
 from mmw.kernels.channel.diffraction_candidates import ReverseCandidates, diffraction_kernel, double_sided_kernel
 from mmw.kernels.channel.finite_surfaces import cull_finite_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS
@@ -84,7 +85,7 @@ def is_recordable(search: Search) -> bool:
     """Return whether all candidates are listed on the device, by launches that are the same for searches of a kind and
     worth to be recorded."""
     table = search.table
-    if len(search.links) > MAX_KEPT_LINKS or not can_record(search.scene.device):
+    if len(search.links) > MAX_KEPT_LINKS or not prefers_records(search.scene.device):
         return False
     has_wedges = search.config.diffraction and len(table.wedges) > 0
     return table.outlines is None and table.foliage is None and not has_wedges

@@ -21,11 +21,6 @@ MAX_RECORDS = 8
 """Most records of a workspace: all are dropped beyond. Design value."""
 
 
-def can_record(device: str) -> bool:
-    """Return whether launches on a device are recorded; on the CPU, records save little and stop other threads."""
-    return wp.get_device(device).is_cuda
-
-
 class Workspace:
     """Memory of one search at a time for some number of links and poses, and its records.
 

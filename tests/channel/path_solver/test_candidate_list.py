@@ -66,7 +66,7 @@ def test_recorded_launches_find_what_direct_ones_find(
     settings: dict, monkeypatch: pytest.MonkeyPatch, device: str
 ) -> None:
     """Batches of one and of two frames are recorded each, on the CPU as on GPUs; a new table has no record."""
-    monkeypatch.setattr(candidate_filter, "can_record", lambda device: True)
+    monkeypatch.setattr(candidate_filter, "prefers_records", lambda device: True)
     data = traffic(driving(np.arange(12) * 0.05))
     data.poses[6:, 2] = np.nan  # the truck leaves
     config = ChannelConfig(antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}), **settings)
@@ -89,7 +89,7 @@ def test_recorded_launches_find_what_direct_ones_find(
 
 def test_recorded_launches_with_too_little_room_are_done_again(monkeypatch: pytest.MonkeyPatch, device: str) -> None:
     """The room that more paths need is made, and recorded for the next steps."""
-    monkeypatch.setattr(candidate_filter, "can_record", lambda device: True)
+    monkeypatch.setattr(candidate_filter, "prefers_records", lambda device: True)
     data = traffic(driving(np.arange(12) * 0.05))
     config = ChannelConfig(antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}), samples_per_tx=5000, max_depth=2)
     scene = loaded(data, device, [0])
