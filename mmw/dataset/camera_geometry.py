@@ -36,7 +36,15 @@ def pose_from_row(row: Mapping[str, Any]) -> np.ndarray:
 def poses_from_rows(rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
     """Return the poses of some rows, shape [N, 7], see `pose_from_row`."""
     values = [[row[name] for name in POSE_COLUMNS] for row in rows]
-    pose = np.array(values, dtype=np.float64).reshape(-1, len(POSE_COLUMNS))
+    return _normalized(np.array(values, dtype=np.float64).reshape(-1, len(POSE_COLUMNS)))
+
+
+def poses_of_columns(columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the poses of some rows by their `POSE_COLUMNS`, shape [N, 7], see `pose_from_row`."""
+    return _normalized(np.stack(columns, axis=1, dtype=np.float64))
+
+
+def _normalized(pose: np.ndarray) -> np.ndarray:
     return np.concatenate([pose[:, :3], normalize(pose[:, 3:])], axis=1)
 
 

@@ -1,9 +1,8 @@
 """Read one frame, stored or simulated: agents with their samples, boxes and radio links, decoded at their first use."""
 
 from collections.abc import Callable, Collection
-from copy import copy
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,10 +15,11 @@ from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.errors import InputError
 from mmw.core.frame_rate import seconds
 from mmw.core.registry import load_reference
-from mmw.dataset.camera_geometry import Camera, box_corners, known_intrinsics, poses_from_rows, to_world
+from mmw.dataset.camera_geometry import Camera, box_corners, known_intrinsics, poses_from_rows
 from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.link import LINK_FIELDS, Link
-from mmw.dataset.sample_rows import Row, points_of, rows_of_table, stored_image
+from mmw.dataset.point_cloud import PointCloud, SampledCloud, has_points
+from mmw.dataset.sample_rows import Row, rows_of_table, stored_image
 from mmw.dataset.sensor_poses import SensorPoses, mounted_sensors
 from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
@@ -36,40 +36,19 @@ from mmw.storage.schemas import TABLES, views, views_of
 
 
 @dataclass(frozen=True)
-class PointCloud:
-    """Points of one LiDAR or radar at one instant."""
-
-    agent: str
-    sensor: str
-    pose: np.ndarray
-    """Sensor to world, shape [7]."""
-    points: np.ndarray
-    """Sensor frame [m], shape [N, 3], float32."""
-    columns: dict[str, np.ndarray]
-    """Columns of each point, shape [N] each: of a LiDAR intensity, ring, object_id, label, time_offset,
-    return_number and, if configured, flow_x ...; of a radar range, azimuth, elevation, velocity, power_db, ..."""
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def __getitem__(self, column: str) -> np.ndarray:
-        return self.columns[column]
-
-    @property
-    def world(self) -> np.ndarray:
-        """The points in the world [m], shape [N, 3], float64."""
-        return to_world(self.pose, self.points)
-
-
-@dataclass(frozen=True)
 class View:
     """A camera of one agent at one instant; images are decoded at each use, None where there is none."""
 
     frame: "Frame"
     agent: str
     sensor: str
-    camera: Camera
-    """Projects points of the world to pixels and back."""
+    _row: Row = field(repr=False, compare=False)
+    _placed: SensorPoses = field(repr=False, compare=False)
+
+    @cached_property
+    def camera(self) -> Camera:
+        """Projects points of the world to pixels and back."""
+        return Camera(known_intrinsics(self._row), self._placed.of(self.agent, self.sensor, self.frame.sensor_rows))
 
     def _image(self, table: str, column: str, decode: Callable[[Stored], np.ndarray]) -> np.ndarray | None:
         row = self.frame.row_of(table, self.agent, self.sensor)
@@ -167,10 +146,11 @@ class Agent:
         """
         mount = self._mount(name)
         type_ = mount["type"]
-        if type_ not in SENSORS and type_ in self.frame.data.tables:  # the primary table has the name of the type
+        spec = SENSORS.get(type_)
+        if spec is None and type_ in self.frame.data.tables:  # the primary table has the name of the type
             row = self.frame.row_of(type_, self.name, name)
             return None if row is None else SimpleNamespace(**row)
-        spec = sensor_spec(mount)
+        spec = spec or sensor_spec(mount)
         if spec.decode:
             return load_reference(spec.decode)(self, name)
         row = self.frame.row_of(spec.tables[0].name, self.name, name)
@@ -179,10 +159,9 @@ class Agent:
         if spec.kind != "points":
             return SimpleNamespace(**row)
         columns = {column: value for column, value in row.items() if isinstance(value, np.ndarray)}
-        points = points_of(columns)
-        if points is None:
+        if not has_points(columns):
             return SimpleNamespace(**row)
-        return PointCloud(self.name, name, self.sensor_pose(name), points, columns)
+        return SampledCloud(self.name, name, columns, partial(self.sensor_pose, name))
 
     def samples(self, type_: str) -> dict[str, Any]:
         """Return the samples of its sensors of a type in this frame by name, as `sensor` does; those that there are."""
@@ -204,12 +183,11 @@ class Agent:
     @cached_property
     def views(self) -> dict[str, View]:
         """Camera -> its images and projection; cameras without an image in this frame project all the same."""
-        found = {}
-        for sensor, row in self.sensors.items():
-            if row["fx"] is not None:
-                camera = Camera(known_intrinsics(row), self.sensor_pose(sensor))
-                found[sensor] = View(self.frame, self.name, sensor, camera)
-        return found
+        return {
+            sensor: View(self.frame, self.name, sensor, row, self._placed)
+            for sensor, row in self.sensors.items()
+            if row["fx"] is not None
+        }
 
     @cached_property
     def links(self) -> tuple[Link, ...]:
@@ -321,13 +299,18 @@ class Frame:
             return []
         return self.data.read("sensors", scenario=self.scenario).to_pylist()
 
+    def agent_rows(self) -> list[tuple[Row, np.ndarray]]:
+        """Return the rows of table `poses` of the agents that are there, and their poses, shape [7]."""
+        rows = self.rows("poses")
+        return list(zip(rows, poses_from_rows(rows), strict=True))
+
     @cached_property
     def agents(self) -> dict[str, Agent]:
         """Name -> agent, connected vehicles and roadside units that are there."""
-        rows, own = self.rows("poses"), copy(self)  # agents of this very frame would keep it from being freed at once
-        poses = {row["agent"]: pose for row, pose in zip(rows, poses_from_rows(rows), strict=True)}
-        placed = SensorPoses(poses)
-        return {row["agent"]: Agent(own, row["agent"], row["role"], row, poses[row["agent"]], placed) for row in rows}
+        posed, own = self.agent_rows(), object.__new__(type(self))
+        own.__dict__.update(self.__dict__)  # agents of this very frame would keep it from being freed at once
+        placed = SensorPoses({row["agent"]: pose for row, pose in posed})
+        return {row["agent"]: Agent(own, row["agent"], row["role"], row, pose, placed) for row, pose in posed}
 
     @cached_property
     def boxes(self) -> Boxes:

@@ -1,8 +1,8 @@
-"""Turn rows of tables, or of columns before they are tables, into mappings, and columns of samples into points."""
+"""Turn rows of tables, or of columns before they are tables, into mappings."""
 
-import math
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from mmw.dataset.column_arrays import column_array, values_of
 from mmw.storage.arrow_tables import cast_column
 from mmw.storage.codecs.images import Stored, lossless_pixels
 from mmw.storage.list_column import ListColumn
+from mmw.storage.name_column import NameColumn
 from mmw.storage.table_spec import IMAGE, TableSpec
 
 Row = dict[str, Any]
@@ -45,16 +46,49 @@ def sorted_arrays(spec: TableSpec, columns: Mapping[str, Any]) -> dict[str, np.n
     order = np.lexsort(keys[::-1])
     if np.logical_and.reduce([key[order[1:]] == key[order[:-1]] for key in keys]).any():
         return None
-    return {field.name: _array(spec, field, number, columns[field.name], order) for field, number in _kinds(spec)}
+    found = {
+        name: row for own, matrix in _floats(spec, columns) for name, row in zip(own, matrix[:, order], strict=True)
+    }
+    return {
+        field.name: found[field.name] if field.name in found else _array(spec, field, number, columns, order)
+        for field, number in _kinds(spec)
+    }
 
 
-def _array(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: Any, order: np.ndarray) -> np.ndarray:
-    if isinstance(values, np.ndarray) and number is not None and values.dtype == number:
-        if number.kind != "f" or np.isfinite(values).all():
-            return values[order]
-    elif number is None and isinstance(values, str | pa.DictionaryArray):
-        return np.array(_cells(spec, field, number, values, len(order)), dtype=object)[order]
+def _array(
+    spec: TableSpec, field: pa.Field, number: np.dtype | None, columns: Mapping[str, Any], order: np.ndarray
+) -> np.ndarray:
+    values = columns[field.name]
+    if isinstance(values, np.ndarray) and number is not None and values.dtype == number and number.kind != "f":
+        return values[order]
+    if number is None and isinstance(values, str):
+        return np.full(len(order), values, dtype=object)
+    if number is None and isinstance(values, NameColumn) and (field.nullable or not values.has_null):
+        return values[order].to_array()
     return column_array(pa.chunked_array([cast_column(spec.name, field, values, len(order))]))[order]
+
+
+def _floats(spec: TableSpec, columns: Mapping[str, Any]) -> Iterator[tuple[list[str], np.ndarray]]:
+    """Return names and values [K, rows] of the columns of each type of floating point, cast and checked at once.
+
+    Those of a type of which a value is not finite are left out.
+    """
+    for number, names in _float_names(spec):
+        own = [name for name in names if isinstance(columns[name], np.ndarray) and columns[name].dtype.kind == "f"]
+        if own:
+            matrix = np.array([columns[name] for name in own], dtype=number)
+            if np.isfinite(matrix).all():
+                yield own, matrix
+
+
+@remembered()
+def _float_names(spec: TableSpec) -> list[tuple[np.dtype, list[str]]]:
+    """Return the columns of each type of floating point."""
+    found: dict[np.dtype, list[str]] = {}
+    for field in spec.columns:
+        if pa.types.is_floating(field.type):
+            found.setdefault(np.dtype(field.type.to_pandas_dtype()), []).append(field.name)
+    return list(found.items())
 
 
 class WaitingImage(Mapping[str, Any]):
@@ -92,20 +126,60 @@ def stored_image(cell: Mapping[str, Any]) -> Stored:
     return cell.stored if isinstance(cell, WaitingImage) else cell["bytes"]
 
 
-def rows_of_columns(spec: TableSpec, columns: Mapping[str, Any]) -> list[Row]:
-    """Return the rows of columns as `rows_of_table` returns those of their table, without making the table.
+class ColumnRows:
+    """Rows of columns, which become mappings as `rows_of_table` returns those of their table, without the table."""
 
-    Args:
-        spec: The table.
-        columns: All its columns, see `mmw.storage.arrow_tables.unsorted_table`.
+    def __init__(self, spec: TableSpec, columns: Mapping[str, Any]) -> None:
+        """Make the cells of all rows.
 
-    Raises:
-        ValueError: If a value does not fit its column.
-    """
-    kinds, count = _kinds(spec), len(columns["frame"])
-    cells = [_cells(spec, field, number, columns[field.name], count) for field, number in kinds]
-    names = [field.name for field, _ in kinds]
-    return [dict(zip(names, row, strict=True)) for row in zip(*cells, strict=True)]
+        Args:
+            spec: The table.
+            columns: All its columns, see `mmw.storage.arrow_tables.unsorted_table`.
+
+        Raises:
+            ValueError: If a value does not fit its column.
+        """
+        count = len(columns["frame"])
+        found = {
+            name: row for own, matrix in _floats(spec, columns) for name, row in zip(own, matrix.tolist(), strict=True)
+        }
+        cells = [
+            found[field.name] if field.name in found else _cells(spec, field, number, columns[field.name], count)
+            for field, number in _kinds(spec)
+        ]
+        self._names = _column_names(spec)
+        self._rows = list(zip(*cells, strict=True))
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __getitem__(self, index: int) -> Row:
+        """Return a row, a new mapping each time."""
+        return dict(zip(self._names, self._rows[index], strict=True))
+
+    def column(self, name: str) -> list[Any]:
+        """Return the cells of a column."""
+        place = self._names.index(name)
+        return [row[place] for row in self._rows]
+
+    @cached_property
+    def by_sensor(self) -> dict[tuple[int, str, str], int]:
+        """Index of the first row of each frame, agent and sensor."""
+        keys = list(zip(*map(self.column, ("frame", "agent", "sensor")), strict=True))
+        return dict(zip(reversed(keys), range(len(keys) - 1, -1, -1), strict=True))
+
+    @cached_property
+    def by_frame(self) -> dict[int, list[int]]:
+        """Indices of the rows of each frame."""
+        found: dict[int, list[int]] = {}
+        for index, frame in enumerate(self.column("frame")):
+            found.setdefault(frame, []).append(index)
+        return found
+
+
+@remembered()
+def _column_names(spec: TableSpec) -> tuple[str, ...]:
+    return tuple(field.name for field in spec.columns)
 
 
 @remembered()
@@ -124,19 +198,18 @@ def _cells(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: An
     if isinstance(values, str):
         return [values] * count
     if isinstance(values, np.ndarray):
-        if number is not None and values.dtype == number:
-            found = values.tolist()
-            if number.kind != "f" or all(map(math.isfinite, found)):
-                return found
+        if number is not None and values.dtype == number and number.kind != "f":
+            return values.tolist()
     elif isinstance(values, ListColumn):
         held = values.values
         if number is not None and held.dtype == number and (number.kind != "f" or np.isfinite(held).all()):
             return values.rows()
+    elif isinstance(values, NameColumn):
+        if number is None and (field.nullable or not values.has_null):
+            return values.to_list()
     elif isinstance(values, pa.Array):
         if field.nullable and values.null_count == count:
             return [None] * count
-        if number is None and isinstance(values, pa.DictionaryArray) and (field.nullable or not values.null_count):
-            return values.to_pylist()
     elif isinstance(values, list) and field.type == IMAGE and all(isinstance(cell, tuple) for cell in values):
         return [_image(*cell) for cell in values]
     return values_of(pa.chunked_array([cast_column(spec.name, field, values, count)]))
@@ -144,14 +217,3 @@ def _cells(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: An
 
 def _image(image: Any, path: str) -> Mapping[str, Any]:
     return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
-
-
-def points_of(columns: dict[str, np.ndarray]) -> np.ndarray | None:
-    """Return points of x, y and z, which leave the columns, or of range, azimuth (to the left) and elevation."""
-    if columns.keys() >= set("xyz"):
-        return np.stack([columns.pop(axis) for axis in "xyz"], axis=1)
-    if not columns.keys() >= {"range", "azimuth", "elevation"}:
-        return None
-    distance, azimuth, elevation = (columns[name] for name in ("range", "azimuth", "elevation"))
-    across = distance * np.cos(elevation)
-    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), distance * np.sin(elevation)], axis=1)

@@ -15,7 +15,7 @@ from mmw.config.sensor_spec import SENSORS, SensorSpec
 from mmw.core.registry import load_reference
 from mmw.generation.plugin_faults import checked_columns, plugin_faults
 from mmw.scene.rows import frame_rows, pose_rows
-from mmw.scene.table_rows import names
+from mmw.scene.table_rows import actor_names, names
 from mmw.sensors.batch import Batch, TableRows, collect
 from mmw.sensors.ground_truth.boxes_3d import box_rows, make_boxes
 from mmw.sensors.ground_truth.visibility import start_sight
@@ -172,15 +172,15 @@ def trace_channel(batch: Batch, surfaces: SurfaceTable, links: Links, weathers: 
 
 
 def channel_rows(batch: Batch, links: Links, paths: PathSet, collected: TableRows) -> None:
-    """Add rows of links and their paths.
+    """Add rows of links and their paths, which threads make.
 
     The geometry of paths is the same in every weather: only the first of `collected` has it.
     """
-    config = batch.config.channel
-    with batch.clock.stage("channel"):
-        agents, antennas = [actor.name for actor in batch.arrays.actors], config.antenna_names
-        for weather, tables in collected.items():
-            tables["links"].append(link_rows(agents, antennas, config.link_names, links, paths, weather))
-            tables["path_gains"].append(path_gain_rows(agents, antennas, links, paths, weather))
-        for tables in list(collected.values())[:1]:
-            tables["path_geometry"].append(path_geometry_rows(agents, antennas, links, paths))
+    config, agents = batch.config.channel, actor_names(batch.arrays.actors)
+    antennas = config.antenna_names
+    for weather, tables in collected.items():
+        kinds = config.link_names
+        tables["links"].append(batch.submit(link_rows, agents, antennas, kinds, links, paths, weather))
+        tables["path_gains"].append(batch.submit(path_gain_rows, agents, antennas, links, paths, weather))
+    for tables in list(collected.values())[:1]:
+        tables["path_geometry"].append(batch.submit(path_geometry_rows, agents, antennas, links, paths))

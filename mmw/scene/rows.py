@@ -19,7 +19,7 @@ from mmw.physics.materials.material import FILE_FIELDS, file_values
 from mmw.scene.actor_counts import COUNTED, counted_in
 from mmw.scene.mounted_antennas import antenna_pose
 from mmw.scene.scene_data import Actor, SceneData
-from mmw.scene.table_rows import Columns, actor_texts, names, split, texts_of
+from mmw.scene.table_rows import Columns, actor_texts, names, split
 from mmw.scene.views import mount_pose
 from mmw.storage.schemas import table_spec
 from mmw.storage.table_spec import F64, list_of
@@ -61,7 +61,7 @@ def pose_rows(arrays: SceneData, frames: Sequence[int], motion: Motion) -> Colum
     return {
         "frame": frame,
         "agent": names(arrays, actor),
-        "role": texts_of(actor_texts(arrays.actors, "role"), actor),
+        "role": actor_texts(arrays.actors, "role")[actor],
         "object_id": np.array([arrays.actors[i].object_id for i in actor.tolist()], dtype=np.int32),
         **split(("x", "y", "z"), pose[:, :3]),
         **split(("qx", "qy", "qz", "qw"), normalize(pose[:, 3:])),

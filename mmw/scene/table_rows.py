@@ -3,64 +3,43 @@ still encode."""
 
 from collections.abc import Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from mmw.core.later import start_all
 from mmw.core.remember import remembered
 from mmw.scene.scene_data import Actor, SceneData
+from mmw.storage.name_column import NameColumn, name_column
 
 Columns = dict[str, Any]
-"""Columns of one table by name: arrays, Arrow arrays, or one scalar for all rows."""
+"""Columns of one table by name: arrays, `NameColumn`, `ListColumn`, Arrow arrays, or one scalar for all rows."""
 
 
-def names(arrays: SceneData, actor: np.ndarray) -> pa.DictionaryArray:
+def names(arrays: SceneData, actor: np.ndarray) -> NameColumn:
     """Return the names of actors given by their indices."""
-    return texts_of(actor_texts(arrays.actors, "name"), actor)
-
-
-@dataclass(frozen=True)
-class ActorTexts:
-    """A text of each actor of a scene, V of them."""
-
-    code: np.ndarray
-    """Index of the text in `dictionary`, -1 for none, shape [V], int32."""
-    dictionary: pa.StringArray
-    """The texts, without repetition."""
-    has_null: bool
-    """True if an actor has none."""
-
-
-def texts_of(texts: ActorTexts, actor: np.ndarray) -> pa.DictionaryArray:
-    """Return the texts of actors given by their indices."""
-    code = texts.code[actor]
-    index = pa.array(code, mask=code < 0) if texts.has_null else pa.array(code)
-    return pa.DictionaryArray.from_arrays(index, texts.dictionary)
-
-
-def encoded_texts(texts: Sequence[str | None]) -> ActorTexts:
-    """Return texts of actors, None for none."""
-    array = pa.array(texts, pa.string()).dictionary_encode()
-    code = array.indices.fill_null(-1).to_numpy().astype(np.int32)
-    return ActorTexts(code, array.dictionary, array.null_count > 0)
+    return actor_texts(arrays.actors, "name")[actor]
 
 
 @remembered()
-def actor_texts(actors: tuple[Actor, ...], attribute: str) -> ActorTexts:
+def actor_names(actors: tuple[Actor, ...]) -> tuple[str, ...]:
+    """Return the names of all actors."""
+    return tuple(actor.name for actor in actors)
+
+
+@remembered()
+def actor_texts(actors: tuple[Actor, ...], attribute: str) -> NameColumn:
     """Return an attribute of all actors, a text."""
-    return encoded_texts([getattr(actor, attribute) for actor in actors])
+    return name_column([getattr(actor, attribute) for actor in actors])
 
 
-SensorNames = str | pa.DictionaryArray
+SensorNames = str | NameColumn
 """Name of the sensor of all rows, or that of each."""
 
 
 def sensors_of(sensor: SensorNames, rows: np.ndarray) -> SensorNames:
     """Return the names of the sensors of some rows."""
-    return sensor if isinstance(sensor, str) else sensor.take(pa.array(rows))
+    return sensor if isinstance(sensor, str) else sensor[rows]
 
 
 def sample_columns(arrays: SceneData, sensor: SensorNames, frame: np.ndarray, actor: np.ndarray) -> Columns:
@@ -68,9 +47,14 @@ def sample_columns(arrays: SceneData, sensor: SensorNames, frame: np.ndarray, ac
     return {"frame": frame.astype(np.int32), "agent": names(arrays, actor), "sensor": sensor}
 
 
-def choices(texts: Sequence[str | None], index: np.ndarray) -> pa.DictionaryArray:
+def choices(texts: Sequence[str | None], index: np.ndarray) -> NameColumn:
     """Return some of a few texts, given by their indices."""
-    return pa.array(texts, pa.string()).dictionary_encode().take(pa.array(index))
+    return _column_of(tuple(texts))[index]
+
+
+@remembered(owners=0)
+def _column_of(texts: tuple[str | None, ...]) -> NameColumn:
+    return name_column(texts)
 
 
 def split(columns: Sequence[str], values: np.ndarray) -> Columns:

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from mmw.storage.list_column import ListColumn
+from mmw.storage.name_column import NameColumn
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import table_spec
 from mmw.storage.table_spec import IMAGE, NAME, TableSpec
@@ -27,10 +28,10 @@ def unsorted_table(name: str, columns: Mapping[str, Any]) -> pa.Table:
 
     Args:
         name: Table name.
-        columns: Every column of the table by name. A column is a NumPy array, an Arrow array, a sequence, or one scalar
-            (text, number or truth value) for all rows. A list column is a sequence of arrays, one per row, a
-            `ListColumn` or an Arrow list array. An image column is a sequence of `(bytes, path)` pairs, None for no
-            image.
+        columns: Every column of the table by name. A column is a NumPy array, an Arrow array, a `NameColumn`, a
+            sequence, or one scalar (text, number or truth value) for all rows. A list column is a sequence of arrays,
+            one per row, a `ListColumn` or an Arrow list array. An image column is a sequence of `(bytes, path)` pairs,
+            None for no image.
 
     Raises:
         ValueError: If a column is missing or unknown, lengths differ, a value does not fit its type, a value that must
@@ -161,7 +162,7 @@ def _to_arrow(type_: pa.DataType, values: Any, rows: int) -> pa.Array:
         if pa.types.is_dictionary(type_):
             return pa.DictionaryArray.from_arrays(np.zeros(rows, np.int32), pa.array([value][:rows], pa.string()))
         values = pa.repeat(value, rows)
-    if isinstance(values, ListColumn):
+    if isinstance(values, ListColumn | NameColumn):
         values = values.to_arrow()
     if isinstance(values, pa.ChunkedArray):
         values = values.combine_chunks()

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pytest
 
 from mmw.dataset.column_arrays import arrays_of
-from mmw.dataset.sample_rows import WaitingImage, rows_of_columns, rows_of_table, sorted_arrays
+from mmw.dataset.sample_rows import ColumnRows, WaitingImage, rows_of_table, sorted_arrays
 from mmw.storage.arrow_tables import table_from_columns, unsorted_table
 from mmw.storage.list_column import ListColumn
 from mmw.storage.schemas import table_spec
@@ -44,7 +44,7 @@ def columns_of(table: str, **own: object) -> dict[str, object]:
 def test_rows_of_columns_are_those_of_their_table(table: str, own: dict[str, object]) -> None:
     columns = columns_of(table, **own)
     wanted = rows_of_table(unsorted_table(table, columns))
-    for found, row in zip(rows_of_columns(table_spec(table), columns), wanted, strict=True):
+    for found, row in zip(list(ColumnRows(table_spec(table), columns)), wanted, strict=True):
         assert list(found) == list(row)
         assert repr(found) == repr(row)
         assert [getattr(value, "dtype", None) for value in found.values()] == [
@@ -55,12 +55,12 @@ def test_rows_of_columns_are_those_of_their_table(table: str, own: dict[str, obj
 def test_number_that_is_not_finite_is_refused_as_in_a_table() -> None:
     columns = columns_of("poses", role="cav", x=np.array([0.0, np.nan]))
     with pytest.raises(ValueError, match="column 'x': 1 values are not finite"):
-        rows_of_columns(table_spec("poses"), columns)
+        ColumnRows(table_spec("poses"), columns)
 
 
 def test_list_of_a_row_cannot_be_written_to_as_a_table_may_follow() -> None:
     x = ListColumn(np.array([0, 1, 1], np.int32), np.ones(1, np.float32))
-    row = rows_of_columns(table_spec("lidar"), columns_of("lidar", sensor="lidar", x=x))[0]
+    row = ColumnRows(table_spec("lidar"), columns_of("lidar", sensor="lidar", x=x))[0]
     with pytest.raises(ValueError, match="read-only"):
         row["x"][0] = 2.0
 
@@ -85,7 +85,7 @@ def test_sorted_arrays_are_those_of_the_table(object_id: list[int]) -> None:
 def test_image_is_waited_for_when_its_bytes_are_asked_for() -> None:
     image: Future[bytes] = Future()
     columns = columns_of("rgb", sensor="front", format="png", image=[(image, "a.png"), (b"b", "b.png")])
-    cell = rows_of_columns(table_spec("rgb"), columns)[0]["image"]
+    cell = ColumnRows(table_spec("rgb"), columns)[0]["image"]
     assert isinstance(cell, WaitingImage) and cell["path"] == "a.png"
     image.set_result(b"a")
     assert dict(cell) == {"bytes": b"a", "path": "a.png"} and "size" not in cell

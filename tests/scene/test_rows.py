@@ -39,7 +39,7 @@ def test_link_statistics_are_those_of_their_paths() -> None:
         own = (each["frame"] == rows["frame"][k]) & (each["carrier_hz"] == rows["carrier_hz"][k])
         power = each["a_re"][own] ** 2 + each["a_im"][own] ** 2
         assert rows["path_count"][k] == own.sum() > 2
-        assert rows["is_los"][k] == ("los" in np.array(each["kind"].to_pylist())[own])
+        assert rows["is_los"][k] == ("los" in each["kind"].to_array()[own])
         assert rows["gain_db"][k].as_py() == pytest.approx(10.0 * np.log10(power.sum()), abs=1e-9)
         for column, mean, spread in (("tau_s", "mean_delay_s", "rms_delay_s"), ("doppler_hz", "", "doppler_spread_hz")):
             values = each[column][own]

@@ -2,9 +2,10 @@
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from functools import cached_property
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from mmw.core.errors import InputError
 from mmw.core.later import start_all
 from mmw.core.remember import remembered
 from mmw.dataset.frame import Boxes, Frame
-from mmw.dataset.sample_rows import Row, rows_of_columns, sorted_arrays
+from mmw.dataset.sample_rows import Row
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
     capture_boxes,
@@ -34,8 +35,9 @@ from mmw.generation.capture import (
     started_sight,
     trace_channel,
 )
+from mmw.generation.live.row_parts import RowPart
 from mmw.generation.pipeline import join_batches
-from mmw.scene.scene_data import Actor
+from mmw.scene.table_rows import actor_names
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import table_spec, views_of
@@ -49,8 +51,8 @@ CHANNEL = (LINKS.name, "path_gains", "path_geometry")
 Maker = tuple[str, ...]
 """Source of the rows of tables: `poses`, `boxes`, `sight`, `channel`, or `sensor` and its name."""
 
-Rows = Mapping[str, list[Any]]
-"""Table -> columns of each part of its rows, or the future of them."""
+Rows = Mapping[str, list[RowPart]]
+"""Table -> parts of its rows."""
 
 Solve = Callable[[Batch, SurfaceTable], tuple[Links, PathSet]]
 """Returns the links of a frame on the device, and their paths."""
@@ -133,14 +135,14 @@ class FrameTables:
         """
         self.root = root
         self._where = scenario, weather, frame
+        self._world = 0
         self._load = load
         self.static = static
         self._held: dict[str, pa.Table] = dict(static)
         self._makers = makers
-        self._rows: dict[str, list[Any]] = defaultdict(list)
+        self._rows: dict[str, list[RowPart]] = defaultdict(list)
         self._done: set[Maker] = set()
         self._samples: dict[tuple[str, Maker], Rows] = {}
-        self._by_sensor: dict[int, Mapping[tuple[str, str], Row]] = {}  # by the id of a part, which stays
         self._channel: tuple[Links, PathSet] | None = None
         self._names: tuple[tuple[str, ...], tuple[str, ...]] = (), ()  # of actors and antennas
 
@@ -190,10 +192,18 @@ class FrameTables:
         if table not in self._makers or table in self._held:
             return []
         self.trace([table])
-        spec, found = _specs(self._makers)[table], list[Row]()
-        for columns in map(_ended, self._rows[table]):
-            found += rows_of_columns(spec, self._fixed(columns))
-        return sorted(found, key=lambda row: [row[name] for name in spec.key])
+        number = self._where[2]
+        found = [row for part in self._rows[table] for row in part.rows(self._world, number)]
+        return sorted(found, key=itemgetter(*_specs(self._makers)[table].key))
+
+    def posed_rows(self) -> list[tuple[Row, np.ndarray]]:
+        """Return the rows of table `poses` and their poses, shape [7]; none where it was read as a table."""
+        if "poses" in self._held:
+            return []
+        self.trace(["poses"])
+        number = self._where[2]
+        (part,) = self._rows["poses"]
+        return sorted(zip(part.rows(self._world, number), part.poses(self._world, number), strict=True), key=_agent_of)
 
     def arrays(self, table: str) -> dict[str, np.ndarray] | None:
         """Return the columns of a table in the order of its key; None where the table has to be made for it."""
@@ -201,11 +211,7 @@ class FrameTables:
             return None
         self.trace([table])
         parts = self._rows[table]
-        return sorted_arrays(_specs(self._makers)[table], self._fixed(_ended(parts[0]))) if len(parts) == 1 else None
-
-    def _fixed(self, columns: Mapping[str, Any]) -> dict[str, Any]:
-        scenario, weather, _ = self._where
-        return {"scenario": scenario, "weather": weather, **columns}
+        return parts[0].arrays(self._world, self._where[2]) if len(parts) == 1 else None
 
     def trace(self, tables: Iterable[str] | None = None) -> None:
         """Trace what some tables hold, or all tables for None, at once: cameras share their rays.
@@ -217,12 +223,12 @@ class FrameTables:
             if name not in self._makers and name not in self.static:
                 raise InputError(f"{self.root}: has no table {name!r}; it has {', '.join(self.tables)}; name one")
         wanted = self._makers if tables is None else [name for name in tables if name in self._makers]
-        needed = dict.fromkeys(maker for name in wanted for maker in self._makers[name])
-        makers = [maker for maker in needed if maker not in self._done]
+        done = self._done
+        makers = list(dict.fromkeys(one for name in wanted for one in self._makers[name] if one not in done))
         if makers:
             for name, parts in self._capture(makers, None).items():
                 self._rows[name] += parts
-            self._done.update(makers)
+            done.update(makers)
 
     def sample(self, table: str, agent: str, sensor: str) -> Row | None:
         """Return the row of one sensor of one agent; other agents' sensors are not traced for it."""
@@ -233,18 +239,10 @@ class FrameTables:
             self.trace_samples(agent, [sensor])
         parts = self._rows[table] if maker in self._done else self._samples[agent, maker].get(table, [])
         for part in parts:
-            row = self._rows_by_sensor(table, part).get((agent, sensor))
+            row = part.row(self._world, self._where[2], agent, sensor)
             if row is not None:
-                return dict(row)
+                return row
         return None
-
-    def _rows_by_sensor(self, table: str, part: Any) -> Mapping[tuple[str, str], Row]:
-        """Return the rows of a part of a table by agent and sensor, made at once for all of them."""
-        found = self._by_sensor.get(id(part))
-        if found is None:
-            rows = rows_of_columns(_specs(self._makers)[table], self._fixed(_ended(part)))
-            found = self._by_sensor[id(part)] = {(row["agent"], row["sensor"]): row for row in reversed(rows)}
-        return found
 
     def trace_samples(self, agent: str, sensors: Collection[str]) -> None:
         """Trace some sensors of one agent at once."""
@@ -256,11 +254,11 @@ class FrameTables:
                 self._samples[agent, maker] = found
 
     def _capture(self, makers: Collection[Maker], agent: str | None) -> Rows:
-        _, weather, frame = self._where
+        scenario, weather, frame = self._where
         rows: TableRows = {weather: defaultdict(list)}
         with self._load(agent) as batch:
             capture_makers(batch, makers, [frame], rows, self._channel_of)
-        return rows[weather]
+        return parts_of(rows[weather], self._makers, {"scenario": scenario, "weather": weather})
 
     def paths(self, carrier_hz: float) -> CarrierPaths | None:
         """Return the paths at a carrier without making tables; None if there are none."""
@@ -288,12 +286,35 @@ class FrameTables:
         return self._channel
 
     def _table(self, name: str) -> pa.Table:
-        parts = self._rows.get(name, [])
-        if not parts:
+        scenario, weather, number = self._where
+        sources = [part.source_of(self._world, number) for part in self._rows.get(name, [])]
+        if not sources:
             return arrow_schema(name).empty_table()
-        start_all(parts)
-        scenario, weather, _ = self._where
-        return join_batches(name, scenario, weather, parts)
+        start_all(sources)
+        return join_batches(name, scenario, weather, sources)
+
+
+def parts_of(
+    rows: Mapping[str, list[Any]],
+    makers: Mapping[str, list[Maker]],
+    fixed: Mapping[str, str],
+    worlds: range | None = None,
+    pool: Executor | None = None,
+) -> dict[str, list[RowPart]]:
+    """Return traced columns of tables as parts of their rows.
+
+    Args:
+        rows: Table -> columns.
+        makers: From `table_makers`.
+        fixed: As of `RowPart`, as are the others.
+        worlds: Worlds that were traced.
+        pool: Threads.
+    """
+    specs = _specs(makers)
+    return {
+        name: [RowPart(specs[name], fixed, source, worlds, pool) for source in sources]
+        for name, sources in rows.items()
+    }
 
 
 @remembered(size=8)
@@ -301,10 +322,8 @@ def _specs(makers: Mapping[str, list[Maker]]) -> dict[str, TableSpec]:
     return {name: table_spec(name) for name in makers}
 
 
-@remembered(size=8)
-def actor_names(actors: tuple[Actor, ...]) -> tuple[str, ...]:
-    """Return the names of actors."""
-    return tuple(actor.name for actor in actors)
+def _agent_of(posed: tuple[Row, np.ndarray]) -> str:
+    return posed[0]["agent"]
 
 
 @remembered(size=8)
@@ -319,10 +338,6 @@ def static_table_rows(static: Mapping[str, pa.Table], table: str) -> list[Row]:
     return static[table].to_pylist()
 
 
-def _ended(columns: Any) -> Mapping[str, Any]:
-    return columns.result() if isinstance(columns, Future) else columns
-
-
 class LiveFrame(Frame):
     """A frame of a live simulation, traced when it is looked at: a sensor of an agent by itself."""
 
@@ -335,6 +350,11 @@ class LiveFrame(Frame):
         """Return the rows of a table as mappings, by its key; lists of numbers are arrays."""
         assert isinstance(self.data, FrameTables)
         return super().rows(table) if table in self._tables else self.data.rows(table) or super().rows(table)
+
+    def agent_rows(self) -> list[tuple[Row, np.ndarray]]:
+        """Return the rows of table `poses` of the agents that are there, and their poses, shape [7]."""
+        assert isinstance(self.data, FrameTables)
+        return ([] if "poses" in self._tables else self.data.posed_rows()) or super().agent_rows()
 
     @cached_property
     def boxes(self) -> Boxes:

@@ -1,11 +1,11 @@
 """Frames of several worlds at one moment: what is looked at in one is traced for all in one launch."""
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
@@ -24,13 +24,14 @@ from mmw.generation.live.frame_tables import (
     LiveFrame,
     Maker,
     Rows,
-    actor_names,
     antenna_names,
     capture_makers,
+    parts_of,
 )
 from mmw.generation.live.live_run import World
-from mmw.generation.live.world_rows import WorldRows
+from mmw.generation.live.row_parts import RowPart
 from mmw.generation.pipeline import join_batches, launch_in_parts
+from mmw.scene.table_rows import actor_names
 from mmw.scene.world_batch import NEIGHBORS, WorldBatch
 from mmw.sensors.batch import Batch, TableRows
 from mmw.storage.parquet_schema import arrow_schema
@@ -40,9 +41,6 @@ TOGETHER = frozenset({"lidar", "depth", "rgb", "radar"})
 those of an IMU; they are made world by world."""
 
 T = TypeVar("T")
-
-Traced = Mapping[str, list[WorldRows]]
-"""Table -> parts of the rows of all worlds."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,7 @@ class WorldFrames:
         """
         self._worlds = worlds
         self._moments = [(episode, episode.frame) for episode in episodes]
-        self._made: dict[tuple[frozenset[Maker], str | None], Traced] = {}
+        self._made: dict[tuple[frozenset[Maker], str | None], Rows] = {}
         self._tables: dict[str, pa.Table] = {}
         self._carriers: dict[float, CarrierPaths | None] = {}
 
@@ -101,13 +99,12 @@ class WorldFrames:
         """Return whether a maker of rows works for all worlds at once."""
         return maker in self._worlds.together
 
-    def rows_of(self, index: int, makers: Collection[Maker], agent: str | None) -> dict[str, list[Any]]:
-        """Return the columns of one world that some makers make, of one agent's sensors or of all."""
-        number, pool = self._moments[index][1], self._worlds.world.batch.pool
-        found: dict[str, list[Any]] = defaultdict(list)
+    def rows_of(self, index: int, makers: Collection[Maker], agent: str | None) -> dict[str, list[RowPart]]:
+        """Return the rows with one world that some makers make, of one agent's sensors or of all."""
+        found: dict[str, list[RowPart]] = defaultdict(list)
         for made in self._rows(makers, agent):
             for name, parts in made.items():
-                found[name] += [part.part_of(index, number, pool) for part in parts if index in part.worlds]
+                found[name] += [part for part in parts if part.worlds is None or index in part.worlds]
         return found
 
     def table(self, name: str) -> pa.Table:
@@ -126,7 +123,7 @@ class WorldFrames:
                         f"{self._worlds.name}: table {name!r} has sensor {maker[1]!r}, which is made world by world; "
                         "read it from the frames"
                     )
-            parts = [part.part for made in self._rows(makers, None) for part in made.get(name, [])]
+            parts = [part.source for made in self._rows(makers, None) for part in made.get(name, [])]
             start_all(parts)
             worlds = self._worlds
             whole = join_batches(name, worlds.scenario, worlds.weather, parts) if parts else _empty(name)
@@ -184,13 +181,13 @@ class WorldFrames:
 
         return self._launches(solve, None)
 
-    def _rows(self, makers: Collection[Maker], agent: str | None) -> list[Traced]:
+    def _rows(self, makers: Collection[Maker], agent: str | None) -> list[Rows]:
         """Return what some makers make, traced once: sensors together, since cameras share their rays."""
         sensors = frozenset(maker for maker in makers if maker[0] == "sensor")
         others = [frozenset([maker]) for maker in dict.fromkeys(makers) if maker[0] != "sensor"]
         return [self._once(some, agent) for some in (*others, *([sensors] if sensors else []))]
 
-    def _once(self, makers: frozenset[Maker], agent: str | None) -> Traced:
+    def _once(self, makers: frozenset[Maker], agent: str | None) -> Rows:
         for (others, whose), made in tuple(self._made.items()):
             # Rows of other sensors and agents do no harm where those of one are looked for.
             if whose in (None, agent) and (makers == others or (agent is not None and makers < others)):
@@ -198,7 +195,7 @@ class WorldFrames:
         self._made[makers, agent] = self._trace(makers, agent)
         return self._made[makers, agent]
 
-    def _trace(self, makers: Collection[Maker], agent: str | None) -> Traced:
+    def _trace(self, makers: Collection[Maker], agent: str | None) -> Rows:
         """Return the rows of all worlds; their `frame` counts the worlds."""
         weather = self._worlds.weather
 
@@ -211,10 +208,11 @@ class WorldFrames:
             launches = [(some, self._channel_rows(*solved)) for some, solved in self._channel]
         else:
             launches = self._launches(capture, agent)
-        rows: dict[str, list[WorldRows]] = defaultdict(list)
+        world, fixed = self._worlds.world, {"scenario": self._worlds.scenario, "weather": weather}
+        rows: dict[str, list[RowPart]] = defaultdict(list)
         for some, found in launches:
-            for name, parts in found[weather].items():
-                rows[name] += [WorldRows(part, some) for part in parts]
+            for name, parts in parts_of(found[weather], world.makers, fixed, some, world.batch.pool).items():
+                rows[name] += parts
         return rows
 
     def _channel_rows(self, links: Links, paths: PathSet) -> TableRows:
@@ -281,6 +279,7 @@ class WorldTables(FrameTables):
     def share(self, frames: WorldFrames, index: int) -> None:
         """Take rows of `frames`, where this is the frame of world `index`."""
         self._frames, self._index = frames, index
+        self._world = index
 
     def paths(self, carrier_hz: float) -> CarrierPaths | None:
         """Return the paths at a carrier without making tables; None if there are none."""

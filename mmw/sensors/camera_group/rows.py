@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from mmw.core.camera_models import Intrinsics
 from mmw.scene.scene_data import SceneData
-from mmw.scene.table_rows import Columns, SensorNames, sample_columns, sensors_of
+from mmw.scene.table_rows import Columns, SensorNames, choices, sample_columns, sensors_of
 from mmw.scene.views import Views
 from mmw.sensors.camera_group.launches import Launch, LaunchCamera
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels, image_boxes
@@ -19,6 +19,7 @@ from mmw.sensors.ground_truth.tables import EDGES
 from mmw.sensors.render.tone_mapping import SATURATION
 from mmw.sensors.rgb.config import RgbCamera
 from mmw.storage.list_column import ListColumn
+from mmw.storage.name_column import NameColumn
 from mmw.storage.table_spec import F32, list_of
 
 Images = Sequence[Future[bytes] | bytes]
@@ -35,7 +36,7 @@ class CameraViews:
     rows: np.ndarray
     """Their rows among the views of the launch, shape [A]."""
     views: Views
-    sensors: pa.DictionaryArray
+    sensors: NameColumn
     """Name of the camera of each."""
 
     @classmethod
@@ -43,8 +44,7 @@ class CameraViews:
         """Return the views of at least one camera."""
         rows = np.concatenate([camera.rows for camera in cameras])
         code = np.repeat(np.arange(len(cameras), dtype=np.int32), [len(camera.rows) for camera in cameras])
-        names = pa.array([camera.sensor.name for camera in cameras], pa.string())
-        return cls(rows, launch.views.take(rows), pa.DictionaryArray.from_arrays(pa.array(code), names))
+        return cls(rows, launch.views.take(rows), choices([camera.sensor.name for camera in cameras], code))
 
 
 def image_rows(
@@ -67,7 +67,7 @@ def image_rows(
     """
     views = cameras.views
     shared = sample_columns(arrays, cameras.sensors, views.frame, views.actor)
-    agents, sensors = shared["agent"].to_pylist(), cameras.sensors.to_pylist()
+    agents, sensors = shared["agent"].to_list(), cameras.sensors.to_list()
     stems = [
         f"{scenario}/{weather}/{agent}/{frame:06d}_{sensor}"
         for agent, frame, sensor in zip(agents, arrays.numbers(views.frame).tolist(), sensors, strict=True)

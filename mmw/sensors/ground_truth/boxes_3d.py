@@ -13,8 +13,9 @@ from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
 from mmw.kernels.core.bodies import boxes_kernel
 from mmw.scene.scene_data import Actor, SceneData
-from mmw.scene.table_rows import ActorTexts, Columns, actor_texts, encoded_texts, split, texts_of
+from mmw.scene.table_rows import Columns, actor_texts, split
 from mmw.scene.views import frame_rows
+from mmw.storage.name_column import NameColumn, name_column
 
 BOX_ROLES = ("cav", "vehicle", "pedestrian", "vru", "uav")
 """Actors that have a box."""
@@ -111,8 +112,8 @@ def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
     return {
         "frame": boxes.frame.astype(np.int32),
         "object_id": boxes.object_id,
-        "category": texts_of(actor_texts(arrays.actors, "label"), boxes.actor),
-        "agent": texts_of(_agent_names(arrays.actors), boxes.actor),
+        "category": actor_texts(arrays.actors, "label")[boxes.actor],
+        "agent": _agent_names(arrays.actors)[boxes.actor],
         **split(("x", "y", "z"), boxes.pose[:, :3]),
         **split(("yaw", "pitch", "roll"), boxes.ypr),
         **split(("length", "width", "height"), boxes.size),
@@ -121,6 +122,6 @@ def box_rows(arrays: SceneData, boxes: Boxes) -> Columns:
 
 
 @remembered()
-def _agent_names(actors: tuple[Actor, ...]) -> ActorTexts:
+def _agent_names(actors: tuple[Actor, ...]) -> NameColumn:
     """Return the names of the actors that are agents, null for others."""
-    return encoded_texts([actor.name if actor.role in AGENT_ROLES else None for actor in actors])
+    return name_column([actor.name if actor.role in AGENT_ROLES else None for actor in actors])

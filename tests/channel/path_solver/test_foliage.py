@@ -216,7 +216,7 @@ def test_the_rim_of_a_crown_is_no_step(device: str) -> None:
     rows = link_rows(
         ["rsu_1", *(f"cav_{k + 1}" for k in range(len(rx)))], ("antenna",), ("v2i",), links, paths, "sunny"
     )
-    states = np.array(rows["los_state"].to_pylist()).reshape(len(rx), -1)
+    states = np.array(rows["los_state"].to_list()).reshape(len(rx), -1)
     assert (states == np.where(loss > 0.0, "foliage", "clear")[:, None]).all() and rows["is_los"].all()
 
 
@@ -228,7 +228,7 @@ def test_states_of_lines_of_sight(device: str) -> None:
     for switch, expected in ((True, "clear foliage blocked clear"), (False, "clear blocked blocked clear")):
         links, paths = oracle.solve(arrays, replace_config(CLEAR, foliage=switch, carriers_hz=(28e9,)), device)
         rows = link_rows(names, ("antenna",), ("v2i",), links, paths, "sunny")
-        assert rows["los_state"].to_pylist() == expected.split()
+        assert rows["los_state"].to_list() == expected.split()
         assert rows["is_los"].tolist() == [state != "blocked" for state in expected.split()]
 
 

@@ -229,9 +229,9 @@ def test_rows_of_a_street(device: str) -> None:
     view_of = {
         (int(f), arrays.actors[a].name): i for i, (f, a) in enumerate(zip(views.frame, views.actor, strict=True))
     }
-    listed = np.zeros_like(counts)
+    listed, agents = np.zeros_like(counts), rows["agent"].to_list()
     for row in range(len(rows["frame"])):
-        view = view_of[int(rows["frame"][row]), rows["agent"][row].as_py()]
+        view = view_of[int(rows["frame"][row]), agents[row]]
         place = wanted.index(int(rows["object_id"][row]))
         listed[view, place] += 1
         edges = [rows[name][row].as_py() for name in ("u_min", "v_min", "u_max", "v_max")]
