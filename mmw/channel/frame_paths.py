@@ -1,11 +1,9 @@
 """Make `CarrierPaths` of links that were just traced, as rows of the dataset would give them, without these rows."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from mmw.channel.links import Links
-from mmw.channel.path_table import KEY_TYPE, SAMPLE_COLUMNS, CarrierPaths, first_segments
+from mmw.channel.path_table import KEY_TYPE, CarrierPaths, first_segments
 from mmw.channel.paths import PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.remember import remembered
@@ -67,27 +65,6 @@ def frame_paths(
         edge=paths.edge[path],
         curvature=paths.curvature[path],
     )
-
-
-def paths_of_frame(paths: CarrierPaths, frame: int, number: int, carriers: int) -> CarrierPaths:
-    """Return the paths of one frame of those of several by `frame_paths`, as if it had been traced alone.
-
-    Args:
-        paths: Paths of several frames, whose links are in the order of the frames.
-        frame: Frame in the keys of `paths`.
-        number: Frame in the keys of the result.
-        carriers: Number of carriers of the tables, whose rows `row` counts.
-    """
-    links = slice(*np.searchsorted(paths.keys["frame"], [frame, frame + 1]).tolist())
-    first, stop = np.searchsorted(paths.link, [links.start, links.stop]).tolist()
-    keys = paths.keys[links].copy()
-    keys["frame"] = number
-    columns = {name: getattr(paths, name)[first:stop] for name in SAMPLE_COLUMNS}
-    depth = int((columns["interaction"] != 0).sum(axis=1).max(initial=0))
-    columns["row"] = columns["row"] - carriers * first
-    for name in ("interaction", "vertex"):
-        columns[name] = columns[name][:, :depth]
-    return replace(paths, keys=keys, link=paths.link[first:stop] - links.start, **columns)
 
 
 def _stored(values: np.ndarray) -> np.ndarray:

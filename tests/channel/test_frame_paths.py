@@ -5,10 +5,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from mmw.channel.frame_paths import frame_paths, paths_of_frame
+from mmw.channel.frame_paths import frame_paths
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_table import CarrierPaths
+from mmw.channel.paths_by_frame import PathsByFrame
 from mmw.channel.rows import link_rows
 from mmw.config import ChannelConfig
 from mmw.config.antennas import AntennaConfig
@@ -53,8 +54,9 @@ def test_arrays_and_their_order_are_those_of_the_tables(settings: dict) -> None:
             own = links.take(np.flatnonzero(links.frame == frame))
             alone = solve_paths(loaded(data, "cpu", [frame]), make_links(data, [frame], config), config, data.materials)
             by_itself = frame_paths(own, alone, "sunny", column, agents, config.antenna_names, "s")
-            _check_same(paths_of_frame(found, frame, frame, len(CARRIERS)), by_itself)
-        assert set(paths_of_frame(found, 1, 70, len(CARRIERS)).keys["frame"]) == {70}
+            _check_same(PathsByFrame(found, [0, 1, 2], len(CARRIERS)).of(frame), by_itself)
+        parted = PathsByFrame(found, [5, 70, 2], len(CARRIERS))
+        assert set(parted.of(1).keys["frame"]) == {70} and parted.of(0).link_count == len(parted.of(0)) == 0
         assert found.carrier_hz == carrier
 
 

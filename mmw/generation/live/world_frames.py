@@ -10,11 +10,12 @@ from typing import TypeVar
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.frame_paths import frame_paths, paths_of_frame
+from mmw.channel.frame_paths import frame_paths
 from mmw.channel.links import Links
 from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
 from mmw.channel.paths import PathSet
+from mmw.channel.paths_by_frame import PathsByFrame
 from mmw.core.errors import InputError
 from mmw.core.later import start_all
 from mmw.generation.capture import channel_links, channel_rows, trace_channel
@@ -77,6 +78,8 @@ class WorldFrames:
         self._made: dict[tuple[frozenset[Maker], str | None], Rows] = {}
         self._tables: dict[str, pa.Table] = {}
         self._carriers: dict[float, CarrierPaths | None] = {}
+        self._parted: dict[float, PathsByFrame | None] = {}
+        self._found: dict[tuple[tuple[Maker, ...], str | None], Rows] = {}
 
     def frames(self) -> list[LiveFrame]:
         """Return the frame of every world; they refer to this, and this not to them, so that it ends with the last."""
@@ -99,13 +102,19 @@ class WorldFrames:
         """Return whether a maker of rows works for all worlds at once."""
         return maker in self._worlds.together
 
-    def rows_of(self, index: int, makers: Collection[Maker], agent: str | None) -> dict[str, list[RowPart]]:
+    def rows_of(self, index: int, makers: Collection[Maker], agent: str | None) -> Rows:
         """Return the rows with one world that some makers make, of one agent's sensors or of all."""
-        found: dict[str, list[RowPart]] = defaultdict(list)
-        for made in self._rows(makers, agent):
-            for name, parts in made.items():
-                found[name] += [part for part in parts if part.worlds is None or index in part.worlds]
-        return found
+        asked = tuple(makers), agent
+        every = self._found.get(asked)
+        if every is None:
+            found: dict[str, list[RowPart]] = defaultdict(list)
+            for made in self._rows(makers, agent):
+                for name, parts in made.items():
+                    found[name] += parts
+            every = self._found[asked] = dict(found)
+        if all(len(part.worlds or ()) == len(self._moments) for parts in every.values() for part in parts):
+            return every
+        return {name: [part for part in parts if index in (part.worlds or ())] for name, parts in every.items()}
 
     def table(self, name: str) -> pa.Table:
         """Return the rows of a table of all worlds; column `frame` counts the worlds.
@@ -146,12 +155,14 @@ class WorldFrames:
 
     def paths_of(self, index: int, carrier_hz: float) -> CarrierPaths | None:
         """Return the paths of one world at a carrier [Hz] without making tables; None if there are none."""
-        whole = self._carrier(carrier_hz)
-        if whole is None:
-            return None
-        carriers = len(self._channel[0][1][1].carriers_hz)
-        found = paths_of_frame(whole, index, self._moments[index][1], carriers)
-        return found if len(found) else None
+        if carrier_hz not in self._parted:
+            whole = self._carrier(carrier_hz)
+            numbers = [number for _, number in self._moments]
+            carriers = len(self._channel[0][1][1].carriers_hz) if whole is not None else 0
+            self._parted[carrier_hz] = None if whole is None else PathsByFrame(whole, numbers, carriers)
+        parted = self._parted[carrier_hz]
+        found = None if parted is None else parted.of(index)
+        return found if found is not None and len(found) else None
 
     def _carrier(self, carrier_hz: float) -> CarrierPaths | None:
         """Return the paths of all worlds at a carrier [Hz]; None if there are none or memory has parted the worlds."""
@@ -274,24 +285,22 @@ class WorldTables(FrameTables):
     """Tables of the frame of one of several worlds; a `TableReader`."""
 
     _frames: WorldFrames
-    _index: int
 
-    def share(self, frames: WorldFrames, index: int) -> None:
-        """Take rows of `frames`, where this is the frame of world `index`."""
-        self._frames, self._index = frames, index
-        self._world = index
+    def share(self, frames: WorldFrames, world: int) -> None:
+        """Take rows of `frames`, where this is the frame of a world."""
+        self._frames, self._world = frames, world
 
     def paths(self, carrier_hz: float) -> CarrierPaths | None:
         """Return the paths at a carrier without making tables; None if there are none."""
-        return self._frames.paths_of(self._index, carrier_hz)
+        return self._frames.paths_of(self._world, carrier_hz)
 
     def _capture(self, makers: Collection[Maker], agent: str | None) -> Rows:
-        together = [maker for maker in makers if self._frames.can_make(maker)]
         alone = [maker for maker in makers if not self._frames.can_make(maker)]
-        found = self._frames.rows_of(self._index, together, agent)
-        if alone:
-            for name, parts in super()._capture(alone, agent).items():
-                found.setdefault(name, []).extend(parts)
+        if not alone:
+            return self._frames.rows_of(self._world, makers, agent)
+        found = dict(self._frames.rows_of(self._world, [maker for maker in makers if maker not in alone], agent))
+        for name, parts in super()._capture(alone, agent).items():
+            found[name] = [*found.get(name, ()), *parts]
         return found
 
 
