@@ -20,7 +20,7 @@ from mmw.dataset.column_arrays import arrays_of
 from mmw.dataset.link import LINK_FIELDS, Link
 from mmw.dataset.point_cloud import PointCloud, SampledCloud, has_points
 from mmw.dataset.sample_rows import Row, rows_of_table, stored_image
-from mmw.dataset.sensor_poses import SensorPoses, mounted_sensors
+from mmw.dataset.sensor_poses import SensorPoses, mounted_sensors, sensors_of_types
 from mmw.dataset.table_reader import TableReader
 from mmw.storage.codecs.images import (
     Stored,
@@ -161,14 +161,15 @@ class Agent:
         columns = {column: value for column, value in row.items() if isinstance(value, np.ndarray)}
         if not has_points(columns):
             return SimpleNamespace(**row)
-        return SampledCloud(self.name, name, columns, partial(self.sensor_pose, name))
+        return SampledCloud(self.name, name, columns, partial(self._placed.of, self.name, name, self.frame.sensor_rows))
 
     def samples(self, type_: str) -> dict[str, Any]:
         """Return the samples of its sensors of a type in this frame by name, as `sensor` does; those that there are."""
-        names = [name for name, row in self.sensors.items() if row["type"] == type_]
+        names = sensors_of_types(self.frame.sensor_rows).get((self.name, type_))
+        if names is None:
+            return {}
         self.frame.prepare_samples(self.name, names)
-        found = {name: self.sensor(name) for name in names}
-        return {name: sample for name, sample in found.items() if sample is not None}
+        return {name: sample for name in names if (sample := self.sensor(name)) is not None}
 
     @cached_property
     def sweeps(self) -> dict[str, PointCloud]:

@@ -41,6 +41,15 @@ def mounted_sensors(rows: list[Row]) -> dict[str, dict[str, Row]]:
 
 
 @remembered(size=8)
+def sensors_of_types(rows: list[Row]) -> dict[tuple[str, str], list[str]]:
+    """Return the names of the sensors of each agent and type in table `sensors`."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        found.setdefault((row["agent"], row["type"]), []).append(row["sensor"])
+    return found
+
+
+@remembered(size=8)
 def _mounts(rows: list[Row]) -> tuple[list[tuple[str, str]], np.ndarray]:
     """Return agent and sensor of each row of table `sensors`, and the pose of the sensor on the agent, shape [N, 7]."""
     return [(row["agent"], row["sensor"]) for row in rows], poses_from_rows(rows)

@@ -246,8 +246,8 @@ class FrameTables:
 
     def trace_samples(self, agent: str, sensors: Collection[str]) -> None:
         """Trace some sensors of one agent at once."""
-        wanted = [("sensor", sensor) for sensor in sensors]
-        wanted = [one for one in wanted if one not in self._done and (agent, one) not in self._samples]
+        wanted = [maker for sensor in sensors if (maker := ("sensor", sensor)) not in self._done]
+        wanted = [maker for maker in wanted if (agent, maker) not in self._samples]
         if wanted:
             found = self._capture(wanted, agent)
             for maker in wanted:

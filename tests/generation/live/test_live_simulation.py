@@ -1,6 +1,8 @@
 """Live simulation: frames that are traced when looked at, equal to those of the dataset that is saved."""
 
-from collections.abc import Iterator, Mapping
+import pickle
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from mmw import Control
 from mmw.cli.verify import main as verify
 from mmw.core.errors import InputError
 from mmw.dataset.sample_rows import rows_of_table
+from mmw.generation.live import frame_tables
 from mmw.storage.schemas import table_spec
 from tests.fixtures.live_config import SENSORS, TRAFFIC
 from tests.fixtures.own_world import DATA
@@ -120,6 +123,44 @@ def test_tables_are_read_by_the_conditions_of_a_dataset(live: mmw.Simulation) ->
     assert frame.data.read("poses", weather="none").num_rows == 0
     with pytest.raises(InputError, match=r"path_geometry.*has no column weather"):
         frame.data.read("path_geometry", weather=weather)
+
+
+def test_what_was_traced_at_once_is_not_traced_again(live: mmw.Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+    traced: list[Any] = []
+
+    def record(name: str, call: Callable[..., Any], *given: Any) -> Any:
+        traced.append(given[1] if name == "capture_makers" else name)
+        return call(*given)
+
+    for name in ("capture_makers", "trace_channel"):
+        monkeypatch.setattr(frame_tables, name, partial(record, name, getattr(frame_tables, name)))
+    frame, types = live.reset(), {sensor.type for sensor in live.config.sensors}
+    frame.trace()
+    assert len(traced) == 2 and traced[1] == "trace_channel"
+    assert {maker[0] for maker in traced[0]} == {"poses", "boxes", "sight", "channel", "sensor"}
+    for agent in frame.agents.values():
+        samples = {kind: agent.samples(kind) for kind in types}
+        assert len(samples["lidar"]) == 1 and all(len(cloud.points) for cloud in samples["lidar"].values())
+    assert len(frame.boxes) and all(len(frame.paths(carrier)) for carrier in live.config.channel.carriers_hz)
+    frame.trace()
+    for name in frame.data.tables:
+        if table_spec(name).framed:
+            frame.table(name)
+    assert len(traced) == 2
+
+
+def test_points_are_made_when_they_are_looked_at_and_can_be_sent(live: mmw.Simulation) -> None:
+    frame = live.reset()
+    agent = frame.agents["cav_1"]
+    cloud, row = agent.sensor("lidar"), frame.rows("lidar")[0]
+    assert "points" not in vars(cloud) and "pose" not in vars(cloud) and len(cloud) == row["point_count"]
+    assert "x" not in cloud.columns and cloud["ring"] is cloud.columns["ring"]
+    sent = pickle.loads(pickle.dumps(cloud))
+    np.testing.assert_array_equal(cloud.points, np.stack([row[axis] for axis in "xyz"], axis=1))
+    np.testing.assert_array_equal(cloud.pose, agent.sensor_pose("lidar"))
+    for name in ("points", "pose"):
+        np.testing.assert_array_equal(getattr(sent, name), getattr(cloud, name))
+    assert (sent.agent, sent.sensor, sent.columns.keys()) == ("cav_1", "lidar", cloud.columns.keys())
 
 
 def test_same_seed_and_controls_give_the_same_rows_and_old_frames_stay_theirs(live: mmw.Simulation) -> None:
