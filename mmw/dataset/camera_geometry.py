@@ -41,7 +41,7 @@ def poses_from_rows(rows: Sequence[Mapping[str, Any]]) -> np.ndarray:
 
 def poses_of_columns(columns: Sequence[np.ndarray]) -> np.ndarray:
     """Return the poses of some rows by their `POSE_COLUMNS`, shape [N, 7], see `pose_from_row`."""
-    return _normalized(np.stack(columns, axis=1, dtype=np.float64))
+    return _normalized(np.ascontiguousarray(np.array(columns, dtype=np.float64).T))
 
 
 def _normalized(pose: np.ndarray) -> np.ndarray:

@@ -34,6 +34,9 @@ from mmw.storage.codecs.images import (
 from mmw.storage.parquet_schema import arrow_schema
 from mmw.storage.schemas import TABLES, views, views_of
 
+PosedAgent = tuple[str, str, np.ndarray, Callable[[], Row]]
+"""Name, role and pose of an agent, and what returns its row of table `poses`."""
+
 
 @dataclass(frozen=True)
 class View:
@@ -115,11 +118,15 @@ class Agent:
     name: str
     role: str
     """`cav` or `rsu`."""
-    row: Row
-    """Its row of table `poses`: velocity, angular velocity, object_id."""
     pose: np.ndarray
     """Agent to world, shape [7]."""
+    _make_row: Callable[[], Row] = field(repr=False, compare=False)
     _placed: SensorPoses = field(repr=False, compare=False)
+
+    @cached_property
+    def row(self) -> Row:
+        """Its row of table `poses`: velocity, angular velocity, object_id."""
+        return self._make_row()
 
     def sensor_pose(self, sensor: str) -> np.ndarray:
         """Return the pose of one of its sensors, or of its `antenna`, in the world, shape [7].
@@ -300,18 +307,19 @@ class Frame:
             return []
         return self.data.read("sensors", scenario=self.scenario).to_pylist()
 
-    def agent_rows(self) -> list[tuple[Row, np.ndarray]]:
-        """Return the rows of table `poses` of the agents that are there, and their poses, shape [7]."""
+    def posed_agents(self) -> list[PosedAgent]:
+        """Return the agents that are there, by their names."""
         rows = self.rows("poses")
-        return list(zip(rows, poses_from_rows(rows), strict=True))
+        posed = zip(rows, poses_from_rows(rows), strict=True)
+        return [(row["agent"], row["role"], pose, partial(dict, row)) for row, pose in posed]
 
     @cached_property
     def agents(self) -> dict[str, Agent]:
         """Name -> agent, connected vehicles and roadside units that are there."""
-        posed, own = self.agent_rows(), object.__new__(type(self))
+        posed, own = self.posed_agents(), object.__new__(type(self))
         own.__dict__.update(self.__dict__)  # agents of this very frame would keep it from being freed at once
-        placed = SensorPoses({row["agent"]: pose for row, pose in posed})
-        return {row["agent"]: Agent(own, row["agent"], row["role"], row, pose, placed) for row, pose in posed}
+        placed = SensorPoses({name: pose for name, _, pose, _ in posed})
+        return {name: Agent(own, name, role, pose, row, placed) for name, role, pose, row in posed}
 
     @cached_property
     def boxes(self) -> Boxes:

@@ -51,7 +51,7 @@ def capture_ground_truth(batch: Batch, frames: Sequence[int], collected: TableRo
 def capture_poses(batch: Batch, frames: Sequence[int], collected: TableRows) -> None:
     """Add frames and poses of agents."""
     with batch.clock.stage("ground truth"):
-        rows = frame_rows(batch.arrays, frames, batch.config.seed)
+        rows = batch.submit(frame_rows, batch.arrays, frames, batch.config.seed)
         collect(collected, {"frames": rows, "poses": pose_rows(batch.arrays, frames, batch.motion)})
 
 
@@ -76,7 +76,7 @@ def started_sight(batch: Batch, frames: Sequence[int], collected: TableRows) -> 
     yield
     with batch.clock.stage("ground truth"):
         for name, wait in traced:
-            collect(collected, {"box_visibility": sight_rows(batch.arrays, name, wait())})
+            collect(collected, {"box_visibility": batch.submit(sight_rows, batch.arrays, name, wait())})
 
 
 def capture_sensors(

@@ -23,7 +23,7 @@ from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
 from mmw.core.later import start_all
 from mmw.core.remember import remembered
-from mmw.dataset.frame import Boxes, Frame
+from mmw.dataset.frame import Boxes, Frame, PosedAgent
 from mmw.dataset.sample_rows import Row
 from mmw.dataset.table_reader import MemoryTables
 from mmw.generation.capture import (
@@ -196,14 +196,13 @@ class FrameTables:
         found = [row for part in self._rows[table] for row in part.rows(self._world, number)]
         return sorted(found, key=itemgetter(*_specs(self._makers)[table].key))
 
-    def posed_rows(self) -> list[tuple[Row, np.ndarray]]:
-        """Return the rows of table `poses` and their poses, shape [7]; none where it was read as a table."""
+    def agents(self) -> list[PosedAgent] | None:
+        """Return the agents that are there, by their names; None where table `poses` was read."""
         if "poses" in self._held:
-            return []
+            return None
         self.trace(["poses"])
-        number = self._where[2]
         (part,) = self._rows["poses"]
-        return sorted(zip(part.rows(self._world, number), part.poses(self._world, number), strict=True), key=_agent_of)
+        return part.agents(self._world, self._where[2])
 
     def arrays(self, table: str) -> dict[str, np.ndarray] | None:
         """Return the columns of a table in the order of its key; None where the table has to be made for it."""
@@ -322,10 +321,6 @@ def _specs(makers: Mapping[str, list[Maker]]) -> dict[str, TableSpec]:
     return {name: table_spec(name) for name in makers}
 
 
-def _agent_of(posed: tuple[Row, np.ndarray]) -> str:
-    return posed[0]["agent"]
-
-
 @remembered(size=8)
 def antenna_names(config: Config) -> tuple[str, ...]:
     """Return the names of the antennas of a configuration."""
@@ -351,10 +346,11 @@ class LiveFrame(Frame):
         assert isinstance(self.data, FrameTables)
         return super().rows(table) if table in self._tables else self.data.rows(table) or super().rows(table)
 
-    def agent_rows(self) -> list[tuple[Row, np.ndarray]]:
-        """Return the rows of table `poses` of the agents that are there, and their poses, shape [7]."""
+    def posed_agents(self) -> list[PosedAgent]:
+        """Return the agents that are there, by their names."""
         assert isinstance(self.data, FrameTables)
-        return ([] if "poses" in self._tables else self.data.posed_rows()) or super().agent_rows()
+        found = None if "poses" in self._tables else self.data.agents()
+        return super().posed_agents() if found is None else found
 
     @cached_property
     def boxes(self) -> Boxes:

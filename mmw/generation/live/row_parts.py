@@ -1,8 +1,9 @@
 """Hold rows of a table as the columns that were traced, of one frame or of several worlds, until they are asked for."""
 
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Mapping
 from concurrent.futures import Executor, Future
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pyarrow as pa
 
 from mmw.core.later import Later
 from mmw.dataset.camera_geometry import POSE_COLUMNS, poses_of_columns
+from mmw.dataset.frame import PosedAgent
 from mmw.dataset.sample_rows import ColumnRows, Row, sorted_arrays
 from mmw.storage.list_column import ListColumn
 from mmw.storage.name_column import NameColumn
@@ -58,11 +60,6 @@ class RowPart:
     def _cells(self) -> ColumnRows:
         return ColumnRows(self._spec, {**self._fixed, **self._columns})
 
-    @cached_property
-    def _poses(self) -> np.ndarray:
-        """Pose of each row, shape [N, 7]."""
-        return poses_of_columns([self._columns[name] for name in POSE_COLUMNS])
-
     def row(self, world: int, number: int, agent: str, sensor: str) -> Row | None:
         """Return the row of a sensor in a frame; None if there is none. Its frame gets its number."""
         index = self._cells.by_sensor.get((self._key(world, number), agent, sensor))
@@ -70,22 +67,36 @@ class RowPart:
 
     def rows(self, world: int, number: int) -> list[Row]:
         """Return the rows of a frame, which get its number."""
-        return [self._row(index, number) for index in self._at(world, number)]
+        own = self._cells.by_frame.get(self._key(world, number), ())
+        return [self._row(index, number) for index in own]
 
     def _key(self, world: int, number: int) -> int:
         return number if self.worlds is None else world
-
-    def _at(self, world: int, number: int) -> Sequence[int]:
-        return self._cells.by_frame.get(self._key(world, number), ())
 
     def _row(self, index: int, number: int) -> Row:
         row = self._cells[index]
         row["frame"] = number
         return row
 
-    def poses(self, world: int, number: int) -> list[np.ndarray]:
-        """Return the pose of each of `rows`, shape [7]."""
-        return [self._poses[index].copy() for index in self._at(world, number)]
+    @cached_property
+    def _agents(self) -> dict[int, list[tuple[str, str, int]]]:
+        """Name, role and row of the agents of each frame, by their names; of table `poses`."""
+        columns = self._columns
+        found = defaultdict(list)
+        of = columns["frame"].tolist(), columns["agent"].to_list(), columns["role"].to_list()
+        for index, (frame, name, role) in enumerate(zip(*of, strict=True)):
+            found[frame].append((name, role, index))
+        return {frame: sorted(own) for frame, own in found.items()}
+
+    @cached_property
+    def _poses(self) -> np.ndarray:
+        """Pose of each row, shape [N, 7]."""
+        return poses_of_columns([self._columns[name] for name in POSE_COLUMNS])
+
+    def agents(self, world: int, number: int) -> list[PosedAgent]:
+        """Return the agents of a frame by their names, of table `poses`."""
+        poses, own = self._poses, self._agents.get(self._key(world, number), ())
+        return [(name, role, poses[k].copy(), partial(self._row, k, number)) for name, role, k in own]
 
     def arrays(self, world: int, number: int) -> dict[str, np.ndarray] | None:
         """Return the rows of a frame as `sorted_arrays` does."""

@@ -79,7 +79,7 @@ class WorldFrames:
         self._tables: dict[str, pa.Table] = {}
         self._carriers: dict[float, CarrierPaths | None] = {}
         self._parted: dict[float, PathsByFrame | None] = {}
-        self._found: dict[tuple[tuple[Maker, ...], str | None], Rows] = {}
+        self._found: dict[tuple[tuple[Maker, ...], str | None], tuple[Rows, bool]] = {}  # and if all have all worlds
 
     def frames(self) -> list[LiveFrame]:
         """Return the frame of every world; they refer to this, and this not to them, so that it ends with the last."""
@@ -98,21 +98,22 @@ class WorldFrames:
         tables.share(self, index)
         return LiveFrame(tables, worlds.scenario, worlds.weather, number)
 
-    def can_make(self, maker: Maker) -> bool:
-        """Return whether a maker of rows works for all worlds at once."""
-        return maker in self._worlds.together
+    def can_make(self, makers: Collection[Maker]) -> bool:
+        """Return whether makers of rows work for all worlds at once."""
+        return self._worlds.together.issuperset(makers)
 
     def rows_of(self, index: int, makers: Collection[Maker], agent: str | None) -> Rows:
         """Return the rows with one world that some makers make, of one agent's sensors or of all."""
         asked = tuple(makers), agent
-        every = self._found.get(asked)
-        if every is None:
+        if asked not in self._found:
             found: dict[str, list[RowPart]] = defaultdict(list)
             for made in self._rows(makers, agent):
                 for name, parts in made.items():
                     found[name] += parts
-            every = self._found[asked] = dict(found)
-        if all(len(part.worlds or ()) == len(self._moments) for parts in every.values() for part in parts):
+            worlds = [part.worlds or () for parts in found.values() for part in parts]
+            self._found[asked] = dict(found), all(len(some) == len(self._moments) for some in worlds)
+        every, are_whole = self._found[asked]
+        if are_whole:
             return every
         return {name: [part for part in parts if index in (part.worlds or ())] for name, parts in every.items()}
 
@@ -127,7 +128,7 @@ class WorldFrames:
             if not makers:
                 raise InputError(f"{self._worlds.name}: has no table {name!r} of frames")
             for maker in makers:
-                if not self.can_make(maker):
+                if not self.can_make([maker]):
                     raise InputError(
                         f"{self._worlds.name}: table {name!r} has sensor {maker[1]!r}, which is made world by world; "
                         "read it from the frames"
@@ -295,9 +296,9 @@ class WorldTables(FrameTables):
         return self._frames.paths_of(self._world, carrier_hz)
 
     def _capture(self, makers: Collection[Maker], agent: str | None) -> Rows:
-        alone = [maker for maker in makers if not self._frames.can_make(maker)]
-        if not alone:
+        if self._frames.can_make(makers):
             return self._frames.rows_of(self._world, makers, agent)
+        alone = [maker for maker in makers if not self._frames.can_make([maker])]
         found = dict(self._frames.rows_of(self._world, [maker for maker in makers if maker not in alone], agent))
         for name, parts in super()._capture(alone, agent).items():
             found[name] = [*found.get(name, ()), *parts]

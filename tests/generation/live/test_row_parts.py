@@ -55,10 +55,13 @@ def _poses(frame: list[int]) -> dict[str, object]:
 def test_world_finds_its_rows_and_their_poses() -> None:
     part = RowPart(table_spec("poses"), {"scenario": "s", "weather": "w"}, _poses([1, 0, 1, 0]), range(2))
     assert [(row["agent"], row["frame"], row["x"]) for row in part.rows(1, 40)] == [("b", 40, 0.5), ("a", 40, 2.5)]
-    expected = poses_from_rows(part.rows(1, 40))
-    for pose, row in zip(part.poses(1, 40), expected, strict=True):
-        np.testing.assert_array_equal(pose, row)
-    assert part.rows(2, 40) == []
+    agents = part.agents(1, 40)
+    assert [(name, role) for name, role, *_ in agents] == [("a", "cav"), ("b", "cav")]  # by their names
+    rows = [row() for *_, row in agents]
+    assert rows == part.rows(1, 40)[::-1]
+    for (_, _, pose, _), expected in zip(agents, poses_from_rows(rows), strict=True):
+        np.testing.assert_array_equal(pose, expected)
+    assert part.rows(2, 40) == part.agents(2, 40) == []
 
 
 def test_frame_finds_its_rows_by_its_number_in_whatever_world() -> None:
