@@ -1,8 +1,10 @@
 """Find plug-ins by name: those of mmw, and those that other packages register as entry points."""
 
+import sys
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
+from types import ModuleType
 from typing import Any, Generic, TypeVar
 
 from mmw.core.errors import InputError
@@ -13,10 +15,17 @@ REGISTERED = "register()"
 """Owner of plug-ins that `Registry.register` added: other processes do not have them."""
 
 
+_IMPORTED: dict[str, ModuleType] = {}
+"""Modules of `load_reference`, which a live step calls some twenty times; `import_module` takes four times as long."""
+
+
 def load_reference(reference: str) -> Any:
     """Import what a `module:attribute` string names."""
     module, _, attribute = reference.partition(":")
-    return getattr(import_module(module), attribute)
+    known = _IMPORTED.get(module)
+    if known is None or sys.modules.get(module) is not known:
+        known = _IMPORTED[module] = import_module(module)
+    return getattr(known, attribute)
 
 
 class Registry(Mapping[str, T], Generic[T]):

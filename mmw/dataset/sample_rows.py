@@ -1,14 +1,13 @@
 """Turn rows of tables, or of columns before they are tables, into mappings."""
 
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from mmw.core.later import Later
+from mmw.core.later import Later, Waiting
 from mmw.core.remember import remembered
 from mmw.dataset.column_arrays import column_array, values_of
 from mmw.storage.arrow_tables import cast_column
@@ -94,7 +93,7 @@ def _float_names(spec: TableSpec) -> list[tuple[np.dtype, list[str]]]:
 class WaitingImage(Mapping[str, Any]):
     """Cell of an image that may still be encoded: `bytes`, which are waited for, and `path`."""
 
-    def __init__(self, image: Future[bytes], path: str) -> None:
+    def __init__(self, image: Waiting, path: str) -> None:
         """Take the future of the file and its path."""
         self.image, self._path = image, path
 
@@ -216,4 +215,4 @@ def _cells(spec: TableSpec, field: pa.Field, number: np.dtype | None, values: An
 
 
 def _image(image: Any, path: str) -> Mapping[str, Any]:
-    return WaitingImage(image, path) if isinstance(image, Future) else {"bytes": image, "path": path}
+    return WaitingImage(image, path) if isinstance(image, Waiting) else {"bytes": image, "path": path}

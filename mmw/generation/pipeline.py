@@ -5,7 +5,7 @@ Geometry is traced once a batch; what differs between weathers is evaluated on t
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 
 import pyarrow as pa
@@ -16,6 +16,7 @@ from mmw.config import Config, ScenarioConfig
 from mmw.config.sensor_spec import spec_of
 from mmw.core.errors import is_out_of_memory
 from mmw.core.kinematics import differentiate
+from mmw.core.later import Waiting
 from mmw.core.timing import StageTimer
 from mmw.generation.capture import capture_frames
 from mmw.generation.progress import Reporter
@@ -126,7 +127,7 @@ def join_batches(name: str, scenario: str, weather: str, batches: Sequence[Any])
     """Return the batches of a table as one Arrow table, sorted by its key."""
     spec, ended = (
         table_spec(name),
-        [columns.result() if isinstance(columns, Future) else columns for columns in batches],
+        [columns.result() if isinstance(columns, Waiting) else columns for columns in batches],
     )
     fixed = {"scenario": scenario, **({"weather": weather} if spec.by_weather else {})}
     parts = [unsorted_table(name, {**fixed, **resolved(columns)}) for columns in ended]

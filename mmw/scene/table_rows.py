@@ -2,12 +2,11 @@
 still encode."""
 
 from collections.abc import Sequence
-from concurrent.futures import Future
 from typing import Any
 
 import numpy as np
 
-from mmw.core.later import start_all
+from mmw.core.later import Waiting, start_all
 from mmw.core.remember import remembered
 from mmw.scene.scene_data import Actor, SceneData
 from mmw.storage.name_column import NameColumn, name_column
@@ -74,6 +73,6 @@ def _is_images(values: Any) -> bool:
     return isinstance(values, list) and bool(values) and isinstance(values[0], tuple)
 
 
-def _image(cell: tuple[Future[bytes] | bytes, str]) -> tuple[bytes, str]:
+def _image(cell: tuple[Waiting | bytes, str]) -> tuple[bytes, str]:
     image, path = cell
-    return (image.result() if isinstance(image, Future) else image), path
+    return (image.result() if isinstance(image, Waiting) else image), path

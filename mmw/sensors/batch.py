@@ -1,7 +1,7 @@
 """Hold the context of one scenario's sensors: constant inputs, and the lists that gather its rows."""
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,7 +10,7 @@ from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.config import Config, ScenarioConfig, SensorConfig
 from mmw.config.air import AirConfig
 from mmw.core.kinematics import Motion
-from mmw.core.later import Later
+from mmw.core.later import Later, Waiting
 from mmw.core.recorded_work import DirectWork, RecordedWork, Work, can_record
 from mmw.core.remember import remembered
 from mmw.core.timing import StageTimer
@@ -68,7 +68,7 @@ class Batch:
             self.cache[key] = (RecordedWork if is_recorded else DirectWork)(self.scene.device)
         return self.cache[key]
 
-    def submit(self, call: Callable[..., Any], *args: Any) -> Future:
+    def submit(self, call: Callable[..., Any], *args: Any) -> Waiting:
         """Return the future of `call(*args)`, which a thread makes."""
         return Later(self.pool, call, *args) if self.puts_off else self.pool.submit(call, *args)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mmw.core.later import Later
+from mmw.core.later import Later, Waiting
 
 MAX_WAITING_BYTES = 1 << 29
 """Images that may wait for a thread [bytes]: 580 RGB images of 640 x 480, 0.2 s of work for eight threads. Design
@@ -29,7 +29,7 @@ class Encoder:
         self._waiting: deque[tuple[Future[bytes], int]] = deque()
         self._bytes = 0
 
-    def submit(self, encode: Callable[..., bytes], image: np.ndarray, *settings: Any) -> Future[bytes]:
+    def submit(self, encode: Callable[..., bytes], image: np.ndarray, *settings: Any) -> Waiting:
         """Return the future of `encode(image, *settings)`, a file's bytes."""
         if self._puts_off:
             return Later(self._pool, encode, image, *settings)

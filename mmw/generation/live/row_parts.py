@@ -2,14 +2,14 @@
 
 from collections import defaultdict
 from collections.abc import Mapping
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from mmw.core.later import Later
+from mmw.core.later import Later, Waiting
 from mmw.dataset.camera_geometry import POSE_COLUMNS, poses_of_columns
 from mmw.dataset.frame import PosedAgent
 from mmw.dataset.sample_rows import ColumnRows, Row, sorted_arrays
@@ -54,7 +54,7 @@ class RowPart:
 
     @cached_property
     def _columns(self) -> Mapping[str, Any]:
-        return self.source.result() if isinstance(self.source, Future) else self.source
+        return self.source.result() if isinstance(self.source, Waiting) else self.source
 
     @cached_property
     def _cells(self) -> ColumnRows:
@@ -128,7 +128,7 @@ class RowPart:
         """Return the rows of a frame as `TableRows` has them; a future stays one."""
         if self.worlds is None:
             return self.source
-        if self._pool is not None and isinstance(self.source, Future):
+        if self._pool is not None and isinstance(self.source, Waiting):
             return Later(self._pool, self.columns, world, number)
         return self.columns(world, number)
 

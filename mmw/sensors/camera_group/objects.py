@@ -1,10 +1,9 @@
 """Capture object annotations of cameras, depth or RGB: segmentation, 2-D boxes, visible pixels."""
 
-from concurrent.futures import Future
-
 import numpy as np
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.later import Waiting
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns
 from mmw.sensors.batch import Batch, TableRows, collect
@@ -12,7 +11,6 @@ from mmw.sensors.camera_group.launch_images import LaunchImages
 from mmw.sensors.camera_group.launches import Launch, LaunchCamera, images_of
 from mmw.sensors.camera_group.rows import CameraViews, box_2d_rows, image_rows
 from mmw.sensors.ground_truth.boxes_2d import VisiblePixels
-from mmw.sensors.ground_truth.boxes_3d import Boxes
 from mmw.sensors.ground_truth.segmentation import object_tags
 from mmw.sensors.ground_truth.visibility_rows import visible_rows
 from mmw.storage.codecs.images import encode_instance, encode_semantic
@@ -37,9 +35,7 @@ def record_segmentation(batch: Batch, launch: Launch, images: LaunchImages, coll
                 tables["segmentation"].append(image_rows(batch.arrays, views, files, batch.scenario.name, weather))
 
 
-def record_boxes(
-    batch: Batch, launch: Launch, images: LaunchImages, boxes: Future[Boxes], collected: TableRows
-) -> None:
+def record_boxes(batch: Batch, launch: Launch, images: LaunchImages, boxes: Waiting, collected: TableRows) -> None:
     """Add 2-D boxes and visible pixels of the cameras of a launch; they are the same in every weather.
 
     Args:
@@ -62,7 +58,7 @@ def _box_rows(
     cameras: list[LaunchCamera],
     visible: list[np.ndarray],
     intrinsics: Intrinsics,
-    boxes: Future[Boxes],
+    boxes: Waiting,
 ) -> Columns:
     views = CameraViews.of(launch, cameras)
     own = VisiblePixels.of(*(values[views.rows] for values in visible))

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Future
 from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
 
 from mmw.core.camera_models import Intrinsics
+from mmw.core.later import Waiting
 from mmw.scene.scene_data import SceneData
 from mmw.scene.table_rows import Columns, SensorNames, choices, sample_columns, sensors_of
 from mmw.scene.views import Views
@@ -22,7 +22,7 @@ from mmw.storage.list_column import ListColumn
 from mmw.storage.name_column import NameColumn
 from mmw.storage.table_spec import F32, list_of
 
-Images = Sequence[Future[bytes] | bytes]
+Images = Sequence[Waiting | bytes]
 """One encoded image a view, which a thread may still be at."""
 
 SUFFIX = {"jpeg": "jpg", "png": "png"}
