@@ -30,7 +30,7 @@ def remembered(owners: int = 1, size: int = 256) -> Callable[[Callable[P, T]], C
         def recall(*args: P.args, **kwargs: P.kwargs) -> T:
             if kwargs:  # they are no part of the key
                 raise TypeError(f"{make.__name__}() takes no keywords: {', '.join(kwargs)}; give them by position")
-            key = (*map(id, args[:owners]), *args[owners:])
+            key = (id(args[0]), *args[1:]) if owners == 1 else (*map(id, args[:owners]), *args[owners:])
             entry = found.get(key)
             if entry is None:
                 entry = args[:owners], make(*args)
