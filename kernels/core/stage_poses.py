@@ -111,8 +111,10 @@ def attitude_of(rows: wp.mat33d) -> wp.vec4d:
     for column in range(1, 4):
         if system[column, column] > system[longest, longest]:
             longest = column
-    q = wp.vec4d(system[0, longest], system[1, longest], system[2, longest], system[3, longest])
-    q[longest] = q[longest] + wp.float64(1.0)
+    unit = wp.vec4d()
+    unit[longest] = wp.float64(1.0)
+    # a sum with zeros, as that of NumPy: it makes 0 of -0, which the angles of boxes tell apart
+    q = wp.vec4d(system[0, longest], system[1, longest], system[2, longest], system[3, longest]) + unit
     size = wp.sqrt(product(q, q))
     q = wp.vec4d(q[0] / size, q[1] / size, q[2] / size, q[3] / size)
     if q[3] < wp.float64(0.0):
