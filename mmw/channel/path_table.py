@@ -3,18 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import ArrayLike
 
-from mmw.channel.links import Links
 from mmw.channel.paths import PATH_LOS, PathSet
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.physics.em.vectors import norm
+
+if TYPE_CHECKING:  # it brings Warp, which datasets are read without
+    from mmw.channel.links import Links
 
 LINK_COLUMNS = ("scenario", "weather", "frame", "agent", "peer", "antenna", "peer_antenna", "carrier_hz")
 """Columns that name a link, and its carrier, in both tables."""
@@ -218,7 +220,7 @@ class CarrierPaths(PathSamples):
 
 
 def rows_from_paths(
-    links: Links,
+    links: "Links",
     paths: PathSet,
     weather: str,
     carrier_hz: float,
@@ -256,7 +258,7 @@ def rows_from_paths(
     return CarrierPaths(keys=keys, link=paths.link.astype(np.int64), **vars(samples))
 
 
-def samples_from_paths(links: Links, paths: PathSet, weather: str, column: int) -> PathSamples:
+def samples_from_paths(links: "Links", paths: PathSet, weather: str, column: int) -> PathSamples:
     """Return paths in memory, of one weather and carrier, without the names of their links.
 
     Args:
@@ -288,9 +290,7 @@ def first_segments(tx: np.ndarray, vertex: np.ndarray, tau: np.ndarray) -> np.nd
         tau: Delays [s], shape [P].
     """
     whole = SPEED_OF_LIGHT * tau
-    if not vertex.shape[1]:
-        return whole
-    return np.where(np.isnan(vertex[:, 0, 0]), whole, norm(vertex[:, 0] - tx))
+    return np.where(np.isnan(vertex[:, 0, 0]), whole, norm(vertex[:, 0] - tx)) if vertex.shape[1] else whole
 
 
 def _read_geometry(table: Any, row: np.ndarray, order: np.ndarray) -> dict[str, np.ndarray]:
