@@ -9,67 +9,113 @@ from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.remember import remembered
 
 
-def frame_paths(
-    links: Links,
-    paths: PathSet,
-    weather: str,
-    carrier: int,
-    actors: tuple[str, ...],
-    antennas: tuple[str, ...],
-    scenario: str,
-) -> CarrierPaths:
-    """Return the paths at one carrier, bit for bit those of `CarrierPaths.from_table` of their rows.
+class FramePaths:
+    """Paths of some frames in the order of the rows of the tables, at every carrier.
 
-    Links are in the order of the keys of table `links`, and `row` counts the rows of the view `paths`.
-
-    Args:
-        links: The links.
-        paths: Their paths.
-        weather: Weather of the gains.
-        carrier: Row of the carrier in `paths.carriers_hz`.
-        actors: Name of each actor, the same tuple in every frame.
-        antennas: Name of each antenna, the same tuple in every frame.
-        scenario: Name of the scenario.
+    Links are in the order of the keys of table `links`.
     """
-    (agent, of_agent), (antenna, of_antenna) = _ranked(actors), _ranked(antennas)
-    own = (links.tx_antenna, links.rx_antenna, links.tx_actor, links.rx_actor)
-    ranks = (names[values] for names, values in zip((of_antenna, of_antenna, of_agent, of_agent), own, strict=True))
-    order = np.lexsort((*ranks, links.frame))
-    keys = np.empty(len(links), dtype=KEY_TYPE)
-    keys["scenario"], keys["weather"], keys["frame"] = scenario, weather, links.frame[order]
-    keys["agent"], keys["peer"] = agent[links.rx_actor[order]], agent[links.tx_actor[order]]
-    keys["antenna"], keys["peer_antenna"] = antenna[links.rx_antenna[order]], antenna[links.tx_antenna[order]]
-    count = paths.count[order].astype(np.int64)
-    link, before = np.repeat(np.arange(len(order)), count), np.cumsum(count) - count
-    index = np.arange(len(paths)) - before[link]  # within its link
-    path = (np.cumsum(paths.count) - paths.count)[order][link] + index
-    depth, tx = int(paths.order.max(initial=0)), links.tx.position[paths.link[path]]
-    vertex, tau = paths.vertex[path], paths.tau[path]
-    return CarrierPaths(
-        carrier_hz=float(paths.carriers_hz[carrier]),
-        keys=keys,
-        link=link,
-        row=len(paths.carriers_hz) * before[link] + carrier * count[link] + index,
-        is_los=paths.order[path] == 0,
-        tau=tau,
-        transfer=_stored(paths.transfer[weather][path, carrier]),
-        a=_stored(paths.a[weather][path, carrier]),
-        theta_t=paths.theta_t[path],
-        phi_t=paths.phi_t[path],
-        theta_r=paths.theta_r[path],
-        phi_r=paths.phi_r[path],
-        doppler_hz=-paths.range_rate[path] * paths.carriers_hz[carrier] / SPEED_OF_LIGHT,
-        interaction=paths.interaction[path, :depth],
-        vertex=vertex[:, :depth],
-        first_segment_m=first_segments(tx, vertex, tau),
-        edge=paths.edge[path],
-        curvature=paths.curvature[path],
-    )
+
+    def __init__(
+        self,
+        links: Links,
+        paths: PathSet,
+        weather: str,
+        actors: tuple[str, ...],
+        antennas: tuple[str, ...],
+        scenario: str,
+    ) -> None:
+        """Bring the paths into their order.
+
+        Args:
+            links: The links.
+            paths: Their paths.
+            weather: Weather of the gains.
+            actors: Name of each actor, the same tuple in every frame.
+            antennas: Name of each antenna, the same tuple in every frame.
+            scenario: Name of the scenario.
+        """
+        ends = np.array([links.tx_antenna, links.rx_antenna, links.tx_actor, links.rx_actor], dtype=np.int32)
+        rank, keys = _named_links(actors, antennas, ends.tobytes(), scenario, weather)
+        order = np.lexsort((rank, links.frame))
+        self._keys = keys[order]
+        self._keys["frame"] = links.frame[order]
+        in_order = bool((order[1:] > order[:-1]).all())  # as links of one rule are
+        count = (paths.count if in_order else paths.count[order]).astype(np.int64)
+        link, before = np.repeat(np.arange(len(order)), count), count.cumsum() - count
+        first = before[link]
+        index = np.arange(len(link)) - first  # within its link
+        path = slice(None) if in_order else (paths.count.cumsum() - paths.count)[order][link] + index
+        self._row = len(paths.carriers_hz) * first + index, count[link]
+        self._carriers_hz, self._approach = paths.carriers_hz, -paths.range_rate[path]
+        self._transfer, self._a = (_stored(values[weather][path]) for values in (paths.transfer, paths.a))
+        depth, tx = int(paths.order.max(initial=0)), links.tx.position[paths.link[path]]
+        vertex, tau = paths.vertex[path], paths.tau[path]
+        self._columns = {
+            "link": link,
+            "is_los": paths.order[path] == 0,
+            "tau": tau,
+            "interaction": paths.interaction[path, :depth],
+            "vertex": vertex[:, :depth],
+            "first_segment_m": first_segments(tx, vertex, tau),
+            **{name: getattr(paths, name)[path] for name in _SAME_COLUMNS},
+        }
+
+    def at(self, carrier: int) -> CarrierPaths:
+        """Return the paths at one carrier, bit for bit those of `CarrierPaths.from_table` of their rows.
+
+        `row` counts the rows of the view `paths`.
+
+        Args:
+            carrier: Row of the carrier in `paths.carriers_hz`.
+        """
+        row, count = self._row
+        carrier_hz = float(self._carriers_hz[carrier])
+        return CarrierPaths(
+            carrier_hz=carrier_hz,
+            keys=self._keys.copy(),
+            row=row + carrier * count,
+            transfer=self._transfer[:, carrier].copy(),
+            a=self._a[:, carrier].copy(),
+            doppler_hz=self._approach * carrier_hz / SPEED_OF_LIGHT,
+            **{name: values.copy() for name, values in self._columns.items()},
+        )
+
+
+_SAME_COLUMNS = ("theta_t", "phi_t", "theta_r", "phi_r", "edge", "curvature")
+"""Columns of `PathSet` that paths have at every carrier."""
 
 
 def _stored(values: np.ndarray) -> np.ndarray:
     """Return complex numbers as their two columns give them: a part of -0 becomes 0."""
     return values.real + 1j * values.imag
+
+
+@remembered(owners=2, size=16)
+def _named_links(
+    actors: tuple[str, ...], antennas: tuple[str, ...], ends: bytes, scenario: str, weather: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the place of each link among those of its frame, shape [L], and the keys without the frame, shape [L].
+
+    Args:
+        actors: Name of each actor.
+        antennas: Name of each antenna.
+        ends: Antenna of transmitter and receiver, actor of both, of each link: int32, shape [4, L].
+        scenario: Name of the scenario.
+        weather: Weather of the gains.
+    """
+    (agent, of_agent), (antenna, of_antenna) = _ranked(actors), _ranked(antennas)
+    tx_antenna, rx_antenna, tx, rx = np.frombuffer(ends, dtype=np.int32).reshape(4, -1)
+    order = np.lexsort((of_antenna[tx_antenna], of_antenna[rx_antenna], of_agent[tx], of_agent[rx]))
+    rank, keys = np.empty(len(order), dtype=np.int64), np.empty(len(order), dtype=KEY_TYPE)
+    rank[order] = np.arange(len(order))
+    keys["scenario"], keys["weather"] = scenario, weather
+    keys["agent"], keys["peer"], keys["antenna"], keys["peer_antenna"] = (
+        agent[rx],
+        agent[tx],
+        antenna[rx_antenna],
+        antenna[tx_antenna],
+    )
+    return rank, keys
 
 
 @remembered()

@@ -109,8 +109,8 @@ class CarrierPaths(PathSamples):
             raise InputError(
                 f"CarrierPaths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
             )
-        is_link = (self.link >= 0) & (self.link < len(self.keys))
-        if not is_link.all() or (self.link[1:] < self.link[:-1]).any():
+        is_growing = not (self.link[1:] < self.link[:-1]).any()
+        if not is_growing or (len(self.link) and not 0 <= self.link[0] <= self.link[-1] < len(self.keys)):
             raise InputError(
                 f"CarrierPaths: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link"
             )

@@ -138,7 +138,7 @@ def _element_coefficients(paths: "Paths", at: CarrierPaths, order: np.ndarray) -
             turn = np.broadcast_to(side.state.rotation[number] @ array.rotation, (len(rows), 3, 3))
             field[rows] = _field(array, unit_vector(theta[rows], phi[rows]), turn)
         fields.append(field)
-    return combine(fields[0], at.transfer, fields[1])
+    return combine(fields[0], at.transfer[:, None], fields[1])[:, 0]
 
 
 def _field(array: PlanarArray, direction: np.ndarray, turn: np.ndarray) -> np.ndarray:

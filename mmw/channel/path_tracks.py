@@ -27,7 +27,7 @@ from mmw.channel.path_table import (
 from mmw.channel.paths import PathSet
 from mmw.core.constants import FRAME_RATE_HZ
 from mmw.core.errors import InputError
-from mmw.physics.em.field import times
+from mmw.physics.em.vectors import times
 
 Edges = Literal["hold", "fade", "drop"]
 """Treatment of a track between its last frame and the next one, and before its first; see `PathTracks.at`."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
+from mmw.physics.em.interaction import DIFFUSE
 
 PATH_KINDS = ("los", "specular", "transmission", "diffuse", "diffraction")
 """Name of each kind of path."""
@@ -21,16 +21,6 @@ LOSSES = (*AIR_LOSSES, "foliage_db")
 
 LOS_STATES = ("clear", "foliage", "blocked")
 """States of the line of sight of a link: it is free, it passes foliage, or there is none."""
-
-
-def path_kinds(interaction: np.ndarray) -> np.ndarray:
-    """Return the kind of each path from its interactions, shape [P, D] -> [P], int8."""
-    kind = np.full(len(interaction), PATH_LOS, dtype=np.int8)
-    kinds = int(np.bitwise_or.reduce(interaction, axis=None))  # their numbers are bits
-    for number, code in enumerate((SPECULAR, TRANSMISSION, DIFFUSE, DIFFRACTION), start=1):
-        if kinds & code:
-            kind[(interaction == code).any(axis=1)] = number
-    return kind
 
 
 @dataclass(frozen=True)
@@ -147,58 +137,3 @@ class PathSet:
     def index(self) -> np.ndarray:
         """Number of each path within its link, from 0, shape [P], int32."""
         return (np.arange(len(self)) - (np.cumsum(self.count) - self.count)[self.link]).astype(np.int32)
-
-
-def path_ids(tx_number: np.ndarray, rx_number: np.ndarray, interaction: np.ndarray, surface: np.ndarray) -> np.ndarray:
-    """Return a 63-bit hash of transmitter, receiver and interactions of each path, shape [P], int64.
-
-    Args:
-        tx_number: Number of the transmitting antenna, shape [P].
-        rx_number: Number of the receiving antenna, shape [P].
-        interaction: Shape [P, D]; columns of zeros behind the last interaction change nothing.
-        surface: Shape [P, D].
-
-    Source: the finaliser of SplitMix64, G. L. Steele et al., OOPSLA 2014, applied word by word.
-    """
-    value = np.zeros(len(tx_number), dtype=np.uint64)
-    for word in (tx_number, rx_number):
-        value = _mixed(value, word)
-    for column in range(interaction.shape[1]):
-        is_there = interaction[:, column] != 0
-        added = _mixed(_mixed(value, interaction[:, column]), surface[:, column])
-        value = np.where(is_there, added, value)
-    return (value >> np.uint64(1)).astype(np.int64)
-
-
-def tell_apart(ids: np.ndarray, link: np.ndarray, rank_by: np.ndarray) -> np.ndarray:
-    """Return identifiers that no two paths of a link share: the first of equal ones keeps its own, shape [P].
-
-    Args:
-        ids: Identifiers of `path_ids`, shape [P].
-        link: Link of each path, shape [P].
-        rank_by: Value by which paths of one name are ranked, lowest first, shape [P]. By length, a path that ends gives
-            its name to the next one, with a step of the level. By minus the strength, the name of rank k has the k-th
-            strongest, whose level is continuous where two swap and where the weakest ends.
-    """
-    order = np.lexsort((rank_by, ids, link))
-    is_new, sorted_link, sorted_ids = np.ones(len(order), dtype=bool), link[order], ids[order]
-    is_new[1:] = (sorted_link[1:] != sorted_link[:-1]) | (sorted_ids[1:] != sorted_ids[:-1])
-    if is_new.all():
-        return ids
-    first = np.maximum.accumulate(np.where(is_new, np.arange(len(order)), 0))
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order)) - first
-    return _with_numbers(ids, rank)
-
-
-def _with_numbers(ids: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Return identifiers that a number tells apart; those of number 0 stay, shape [P], int64."""
-    numbered = (_mixed(ids.astype(np.uint64), number) >> np.uint64(1)).astype(np.int64)
-    return np.where(number == 0, ids, numbered)
-
-
-def _mixed(value: np.ndarray, word: np.ndarray) -> np.ndarray:
-    z = (value ^ word.astype(np.int64).astype(np.uint64)) + np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return z ^ (z >> np.uint64(31))

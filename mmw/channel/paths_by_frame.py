@@ -14,7 +14,7 @@ class PathsByFrame:
         """Find the links and paths of every frame at once.
 
         Args:
-            paths: Paths of the frames by `frame_paths`, whose links are in the order of the frames.
+            paths: Paths of the frames by `FramePaths`, whose links are in the order of the frames.
             numbers: Number of each frame in the keys of its paths.
             carriers: Number of carriers of the tables, whose rows `row` counts.
         """

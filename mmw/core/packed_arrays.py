@@ -43,6 +43,7 @@ class PackedArrays:
     Attributes:
         arrays: The arrays on the device.
         host: The arrays on the host, to be written before `upload`.
+        is_kept: Whether the block is small enough to be kept for later.
     """
 
     def __init__(self, device: str, layouts: tuple[Layout, ...], is_scratch: bool = False, *, is_pinned: bool = False):
@@ -58,8 +59,8 @@ class PackedArrays:
         self._offsets, size = _offsets(layouts)
         self._block = self._twin = _memory(size, device)
         self._is_large = size > KEPT_BYTES
-        self._is_kept = not self._is_large or (is_scratch and size <= KEPT_SCRATCH_BYTES)
-        self._is_pinned = self._is_kept or is_pinned
+        self.is_kept = not self._is_large or (is_scratch and size <= KEPT_SCRATCH_BYTES)
+        self._is_pinned = self.is_kept or is_pinned
         self.arrays = _views(self._block, layouts, self._offsets)
         self.host: list[np.ndarray] = []
         if not is_scratch:
@@ -123,7 +124,7 @@ class PackedArrays:
 
     def release(self) -> None:
         """Give the block back: neither its arrays nor their host views are used any more, by work in any stream."""
-        if self._is_kept:
+        if self.is_kept:
             if len(_free) > KEPT_KINDS:
                 _free.clear()
             free = _free.setdefault(self._key, deque())

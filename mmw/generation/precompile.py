@@ -38,7 +38,10 @@ BLOCKS = {"lidar.returns": (256, 64)} | dict.fromkeys(
 HOST_MODULES = ("core.bodies", "core.body_motion")
 """Modules that every run launches on the host, also with a GPU."""
 
-CHANNEL_ON_HOST = ("channel.path_order", "channel.link_order", "core.mounted_antennas")
+CHANNEL_ON_HOST = (
+    "channel.path_order", "channel.link_order", "core.mounted_antennas", "channel.path_transfer",
+    "channel.path_geometry", "channel.antenna_field", "channel.path_names",
+)  # fmt: skip
 """Modules that runs with a channel launch on the host, also with a GPU."""
 
 SENSORS_ON_HOST = frozenset(

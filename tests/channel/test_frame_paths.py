@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from mmw.channel.frame_paths import frame_paths
+from mmw.channel.frame_paths import FramePaths
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_table import CarrierPaths
@@ -22,12 +22,15 @@ from tests.oracles.path_rows import path_rows, path_table
 CARRIERS = (28e9, 4.9e9)
 
 
+@pytest.mark.parametrize("names", [("roof", "bumper"), ("roof",)], ids=["mixed", "sorted"])
 @pytest.mark.parametrize(
     "settings", [{"max_depth": 0}, {"max_depth": 1, "diffraction": True}, {"max_depth": 2}], ids=["los", "one", "two"]
 )
-def test_arrays_and_their_order_are_those_of_the_tables(settings: dict) -> None:
+def test_arrays_and_their_order_are_those_of_the_tables(settings: dict, names: tuple[str, ...]) -> None:
+    """Links in an order of their own, and links that are in the order of the tables."""
     data = traffic(driving(np.arange(5) * 0.01))
-    mounts = {"roof": (0.2, 0.1, 2.5), "bumper": (1.9, 0.0, 0.4)}  # not in the order of their names
+    places = {"roof": (0.2, 0.1, 2.5), "bumper": (1.9, 0.0, 0.4)}  # not in the order of their names
+    mounts = {name: places[name] for name in names}
     antennas = tuple(
         AntennaConfig(
             name=name, mount={"cav": MountConfig(position_m=at)}, on=("cav", "rsu") if name == "roof" else ("cav",)
@@ -35,9 +38,9 @@ def test_arrays_and_their_order_are_those_of_the_tables(settings: dict) -> None:
         for name, at in mounts.items()
     )
     config = ChannelConfig(
-        carriers_hz=CARRIERS, links=("v2i", "v2v"), candidates="exhaustive", antennas=antennas, **settings
+        carriers_hz=CARRIERS, links=("v2i", "v2v")[: len(names)], candidates="exhaustive", antennas=antennas, **settings
     )
-    frames = [2, 1]
+    frames = [2, 1] if len(names) > 1 else [1, 2]
     links = make_links(data, frames, config)
     paths = solve_paths(loaded(data, "cpu", frames), links, config, data.materials)
     agents = tuple(actor.name for actor in data.actors)
@@ -48,12 +51,12 @@ def test_arrays_and_their_order_are_those_of_the_tables(settings: dict) -> None:
     assert len(paths) > 0
     for column, carrier in enumerate(CARRIERS):
         expected = CarrierPaths.from_table(view, carrier, of_links)
-        found = frame_paths(links, paths, "sunny", column, agents, config.antenna_names, "s")
+        found = FramePaths(links, paths, "sunny", agents, config.antenna_names, "s").at(column)
         _check_same(found, expected)
         for frame in frames:
             own = links.take(np.flatnonzero(links.frame == frame))
             alone = solve_paths(loaded(data, "cpu", [frame]), make_links(data, [frame], config), config, data.materials)
-            by_itself = frame_paths(own, alone, "sunny", column, agents, config.antenna_names, "s")
+            by_itself = FramePaths(own, alone, "sunny", agents, config.antenna_names, "s").at(column)
             _check_same(PathsByFrame(found, [0, 1, 2], len(CARRIERS)).of(frame), by_itself)
         parted = PathsByFrame(found, [5, 70, 2], len(CARRIERS))
         assert set(parted.of(1).keys["frame"]) == {70} and parted.of(0).link_count == len(parted.of(0)) == 0

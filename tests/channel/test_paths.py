@@ -9,10 +9,11 @@ import pytest
 from mmw.channel.links import make_links
 from mmw.channel.path_solver.candidates import launch_rays
 from mmw.channel.path_solver.image_method import trace_paths
+from mmw.channel.path_solver.path_names import tell_apart
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.solver import launched_rays, solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
-from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet, tell_apart
+from mmw.channel.paths import PATH_LOS, PATH_SPECULAR, PathSet
 from mmw.config import ChannelConfig
 from mmw.scene.scene_data import Actor, SceneData
 from tests.fixtures.antennas import antenna_at

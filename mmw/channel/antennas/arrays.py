@@ -30,7 +30,7 @@ class ElementArray(ABC):
     polarization: Polarization = "V"
     """Polarization name, or slant angles [rad]."""
     polarization_model: PolarizationModel = "tr38901_2"
-    """Polarization model of a slant (see `mmw.channel.antennas.patterns.polarization_components`)."""
+    """Polarization model of a slant (see `mmw.channel.antennas.patterns.antenna_field`)."""
     orientation: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
     """Array to agent: a quaternion (x, y, z, w), or yaw, pitch, roll [rad]."""
 

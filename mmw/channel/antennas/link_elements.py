@@ -82,8 +82,10 @@ class LinkElements:
 
     def fields(
         self, geometry: PathGeometry, tx_rotation: np.ndarray, rx_rotation: np.ndarray, link: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the far fields of transmitters and receivers, shape [P, 1, 2] each; see `EndElements.field`.
+    ) -> np.ndarray:
+        """Return the far fields of transmitters and receivers, shape [P, 2, 2] (end, component).
+
+        See `EndElements.field`.
 
         Args:
             geometry: The paths.
@@ -91,16 +93,14 @@ class LinkElements:
             rx_rotation: Device-to-world rotation of every link's receiver, shape [L, 3, 3].
             link: Link of each path, shape [P].
         """
-        ends = (geometry.theta_t, geometry.phi_t), (geometry.theta_r, geometry.phi_r)
         if len(link) and len(self.tx.arrays) == len(self.rx.arrays) == 1 and self.tx.arrays[0] is self.rx.arrays[0]:
-            turns = np.concatenate([tx_rotation[link], rx_rotation[link]])
-            directions = np.concatenate([geometry.departure, geometry.arrival])
-            both = _first_field(
-                self.tx.arrays[0], directions, tuple(map(np.concatenate, zip(*ends, strict=True))), turns
-            )
-            return both[: len(link)], both[len(link) :]
-        transmit = self.tx.field(geometry.departure, ends[0], tx_rotation, link)
-        return transmit, self.rx.field(geometry.arrival, ends[1], rx_rotation, link)
+            turns = np.array([tx_rotation, rx_rotation]).swapaxes(0, 1)[link].reshape(-1, 3, 3)
+            angles = geometry.angles.reshape(-1, 2)
+            both = _first_field(self.tx.arrays[0], geometry.ends.reshape(-1, 3), (angles[:, 0], angles[:, 1]), turns)
+            return both.reshape(-1, 2, 2)
+        departing, arriving = (geometry.theta_t, geometry.phi_t), (geometry.theta_r, geometry.phi_r)
+        transmit = self.tx.field(geometry.departure, departing, tx_rotation, link)
+        return np.concatenate([transmit, self.rx.field(geometry.arrival, arriving, rx_rotation, link)], axis=1)
 
     def take(self, rows: np.ndarray) -> "LinkElements":
         """Return those of some links."""

@@ -15,6 +15,7 @@ import csv
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -22,7 +23,7 @@ import numpy as np
 
 from mmw.core.errors import InputError
 from mmw.core.registry import Registry
-from mmw.physics.em.vectors import direction_angles, dot, rotate, spherical_basis, unrotate
+from mmw.physics.em.vectors import direction_angles
 
 PatternName = Literal["iso", "dipole", "hw_dipole", "tr38901"]
 """Patterns of mmw: `iso`; `dipole`, a short one along z of gain 1.5; `hw_dipole`, half a wavelength long; `tr38901`, a
@@ -207,29 +208,33 @@ def _read_csv(path: Path) -> dict[str, np.ndarray]:
 
 def iso(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the amplitude of an isotropic element, 1 in every direction."""
-    return np.ones_like(theta)
+    return _amplitude("iso", theta, phi)
 
 
 def dipole(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the amplitude of a short dipole along z. Source: C. A. Balanis, Antenna Theory, section 4.2."""
-    return np.sqrt(1.5) * np.abs(np.sin(theta))
+    return _amplitude("dipole", theta, phi)
 
 
 def hw_dipole(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the amplitude of a dipole of half a wavelength along z. Source: Balanis, section 4.6."""
-    sine = np.sin(theta)
-    on_axis = np.abs(sine) < 1e-9
-    return np.where(
-        on_axis, 0.0, np.sqrt(1.643) * np.abs(np.cos(np.pi / 2 * np.cos(theta)) / np.where(on_axis, 1.0, sine))
-    )
+    return _amplitude("hw_dipole", theta, phi)
 
 
 def tr38901(theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
     """Return the amplitude of a sector that looks along x. Source: 3GPP TR 38.901, table 7.3-1."""
-    beam = np.deg2rad(65.0)
-    vertical = np.minimum(12.0 * ((theta - np.pi / 2) / beam) ** 2, 30.0)
-    horizontal = np.minimum(12.0 * (phi / beam) ** 2, 30.0)
-    return 10.0 ** ((8.0 - np.minimum(vertical + horizontal, 30.0)) / 20.0)
+    return _amplitude("tr38901", theta, phi)
+
+
+_NUMBERS: dict[str, int] = {name: number for number, name in enumerate(get_args(PatternName))}
+"""Numbers of the patterns of mmw in the kernels."""
+
+
+def _amplitude(name: str, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+    """Return the amplitude of a pattern of mmw, of the shape of the angles."""
+    from mmw.channel.antennas.element_fields import pattern_amplitude  # brings Warp, which datasets are read without
+
+    return pattern_amplitude(_NUMBERS[name], theta, phi)
 
 
 PATTERNS: Registry[PatternTable | PatternFunction] = Registry(
@@ -265,30 +270,6 @@ def check_pattern(name: str, pattern: PatternTable | PatternFunction) -> None:
     """
     theta, phi = np.meshgrid(np.radians(np.arange(0.0, 181.0, 5.0)), np.radians(np.arange(-180.0, 180.0, 5.0)))
     _components(name, pattern, theta.ravel(), phi.ravel())
-
-
-def polarization_components(
-    slant: float, theta: np.ndarray, phi: np.ndarray, model: PolarizationModel = "tr38901_2"
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the share of the amplitude along the local theta and phi unit vectors.
-
-    Args:
-        slant: Slant angle, 0 for vertical and pi/2 for horizontal [rad].
-        theta: Zenith in the antenna's frame [rad].
-        phi: Azimuth in the antenna's frame [rad].
-        model: `tr38901_2` has the same slant in every direction; `tr38901_1` turns a slanted element in space.
-
-    Source: TR 38.901 section 7.3.2, equations 7.3-3 to 7.3-5.
-    """
-    if model == "tr38901_2":
-        return np.full_like(theta, np.cos(slant)), np.full_like(theta, np.sin(slant))
-    along = np.cos(slant) * np.cos(theta) - np.sin(slant) * np.sin(phi) * np.sin(theta)
-    scale = np.sqrt(np.maximum(1.0 - along**2, 0.0))
-    scale = np.where(scale < 1e-9, 1.0, scale)
-    return (
-        (np.cos(slant) * np.sin(theta) + np.sin(slant) * np.sin(phi) * np.cos(theta)) / scale,
-        np.sin(slant) * np.cos(phi) / scale,
-    )
 
 
 def slant_angles(polarization: Polarization) -> tuple[float, ...]:
@@ -372,17 +353,10 @@ def antenna_field(
 
     Source: TR 38.901 equation 7.3-3; for a pattern of both components the whole rotation matrix.
     """
-    local = unrotate(rotation, direction)
-    theta, phi = direction_angles(local)
-    theta_hat, phi_hat = (rotate(rotation, vector) for vector in spherical_basis(theta, phi))
-    basis = spherical_basis(*(direction_angles(direction) if angles is None else angles))
-    c_theta, c_phi = pattern_components(pattern, theta, phi)
-    slants = slant_angles(polarization)
-    field = np.empty((len(direction), len(slants), 2), dtype=np.result_type(c_theta, c_phi, np.float64))
-    for element, slant in enumerate(slants):
-        cosine, sine = polarization_components(slant, theta, phi, model)
-        along_theta, along_phi = c_theta * cosine - c_phi * sine, c_theta * sine + c_phi * cosine
-        vector = along_theta[:, None] * theta_hat + along_phi[:, None] * phi_hat
-        for axis in range(2):
-            field[:, element, axis] = dot(vector, basis[axis])
-    return field
+    from mmw.channel.antennas.element_fields import pattern_field, slanted_field  # brings Warp, as above
+
+    slants, is_turned_in_space = np.array(slant_angles(polarization)), model != "tr38901_2"
+    rows = (direction, *(direction_angles(direction) if angles is None else angles), rotation)
+    if isinstance(pattern, str) and pattern in _NUMBERS:
+        return pattern_field(_NUMBERS[pattern], rows, slants, is_turned_in_space)
+    return slanted_field(partial(pattern_components, pattern), rows, slants, is_turned_in_space)

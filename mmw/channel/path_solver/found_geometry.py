@@ -8,18 +8,25 @@ from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.kinematics import Motion, differentiate_rows
 from mmw.core.transforms import rotate
 from mmw.physics.em.diffraction import WedgeHits
-from mmw.physics.em.field import PathGeometry, path_geometry
+from mmw.physics.em.field import MovingBodies, PathGeometry, path_geometry
 from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE
 from mmw.physics.em.path_gain import Interactions
 from mmw.physics.em.scattering import ScatteringPoints
 from mmw.physics.em.vectors import dot, norm
 
 
-def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, Interactions]:
-    """Return the geometry of found paths, and their interactions."""
+def found_geometry(
+    search: Search, found: TracedPaths, motion: Motion | None = None
+) -> tuple[PathGeometry, Interactions]:
+    """Return the geometry of found paths, and their interactions.
+
+    Args:
+        search: Input of the search.
+        found: The paths.
+        motion: Derivatives of all poses of the scene, if they are known.
+    """
     links, table = search.links, search.table
-    tx, rx = links.tx.position[found.link], links.rx.position[found.link]
-    wedges, rough, edge = _NO_WEDGES, _NO_ROUGH, found.normal
+    wedges, rough, edge = _NO_WEDGES, _NO_ROUGH, None
     sides = np.zeros((0, 2), dtype=np.int32)
     if found.kinds & DIFFRACTION:
         wedges = _wedge_hits(search, found)
@@ -35,8 +42,13 @@ def found_geometry(search: Search, found: TracedPaths) -> tuple[PathGeometry, In
         width = table.outlines.width[table.outlines.of_plane[table.plane[sides]]]
         if table.curved is not None:
             width[table.curved.is_curved[sides]] = np.inf  # a facet is no mirror of its own
-    return path_geometry(tx, rx, found.kind, found.vertex, found.normal, edge), Interactions(
-        material_id=gather(table.material_id, first_faces(found, table), found.kind != 0),
+    face, place, velocity = first_faces(found, table), np.empty((len(links), 2, 3)), np.empty((len(links), 2, 3))
+    for column, end in enumerate((links.tx, links.rx)):
+        place[:, column], velocity[:, column] = end.position, end.velocity
+    bodies = _moving_bodies(search, found, face, motion)
+    points = found.kind, found.vertex, found.normal, edge
+    return path_geometry(found.link, place, velocity, *points, bodies), Interactions(
+        material_id=gather(table.material_id, face, found.kind != 0),
         wedges=wedges,
         wedge_material=table.material_id[sides],
         wedge_width=width,
@@ -66,31 +78,21 @@ def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     return WedgeHits(path, step, edge, *normals, at, wedges.is_curved[wedge])
 
 
-def range_rates(search: Search, found: TracedPaths, geometry: PathGeometry, motion: Motion | None = None) -> np.ndarray:
-    """Return d(length)/dt of each path [m/s] from the velocities of both ends and of every vertex, shape [P].
-
-    `motion` has the derivatives of all poses of the scene, if they are known.
-
-    Source: first-order Doppler, Sionna RT 2.2 technical report; the bodies are rigid, so the velocity of a point is
-    v + w x r.
-    """
-    scene, links, table = search.scene, search.links, search.table
-    rate = -dot(links.tx.velocity[found.link], geometry.departure)
-    rate -= dot(links.rx.velocity[found.link], geometry.arrival)
+def _moving_bodies(search: Search, found: TracedPaths, face: np.ndarray, motion: Motion | None) -> MovingBodies | None:
+    """Return the bodies that carry the interactions of paths, on the surfaces `face` [P, D]; None if none moves."""
+    scene, table = search.scene, search.table
     if not len(table) or not len(scene.instance_actor):
-        return rate
-    owner = gather(table.owner, first_faces(found, table), found.kind != 0)
-    path, step = (owner >= 0).nonzero()
-    if len(path):
-        rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
-        motion = differentiate_rows(scene.arrays.poses, rows, scene.arrays.pose_dt, motion)
-        batch_index = links.batch_index[found.link[path]]
-        actor = scene.instance_actor[owner[path, step]]
-        arm = found.vertex[path, step] - scene.arrays.poses[rows[batch_index], actor, :3]
-        moving = motion.velocity[batch_index, actor] + np.cross(motion.world_rate[batch_index, actor], arm)
-        turned = geometry.direction[path, step] - geometry.direction[path, step + 1]
-        np.add.at(rate, path, dot(moving, turned))
-    return rate
+        return None
+    owner = gather(table.owner, face, found.kind != 0)
+    if owner.max(initial=-1) < 0:
+        return None
+    arrays = scene.arrays
+    rows = np.array([arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
+    motion = differentiate_rows(arrays.poses, rows, arrays.pose_dt, motion)
+    first = search.links.batch_index[found.link] * arrays.poses.shape[1]
+    body = np.where(owner >= 0, first[:, None] + scene.instance_actor[owner], -1)
+    parts = arrays.poses[rows, :, :3], motion.velocity, motion.world_rate
+    return MovingBodies(body, np.stack(parts, axis=2).reshape(-1, 3, 3))
 
 
 def first_faces(found: TracedPaths, table: SurfaceTable) -> np.ndarray:

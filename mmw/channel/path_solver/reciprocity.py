@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from mmw.channel.links import Links
+from mmw.channel.path_solver.path_names import path_names
+from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import reverse_columns
-from mmw.channel.paths import PathSet, path_ids, tell_apart
+from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.physics.em.interaction import TRANSMISSION
 
@@ -57,7 +59,7 @@ def add_reversed_links(
     links: Links,
     traced: np.ndarray,
     reverse_of: np.ndarray,
-    wall: np.ndarray,
+    table: SurfaceTable,
     rank_by: np.ndarray,
 ) -> PathSet:
     """Return the paths of all links from those of the traced ones.
@@ -70,7 +72,7 @@ def add_reversed_links(
         links: All links.
         traced: Rows of the traced links, from `unique_links`.
         reverse_of: Row of the traced link that each link is the reverse of, from `unique_links`.
-        wall: Surface that names each surface in identifiers, shape [G].
+        table: Surfaces of the scene.
         rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
     """
     backward = np.flatnonzero(reverse_of >= 0)
@@ -94,12 +96,9 @@ def add_reversed_links(
     own = np.concatenate([np.arange(len(paths)), row])
     for name in ("kind", "order", "edge", "curvature", "tau", "range_rate"):
         joined[name] = getattr(paths, name)[own]
-    surface = joined["surface"][len(paths) :]
-    named = np.where(interaction != 0, np.append(wall, -1)[surface], -1)
-    named = np.where(interaction == TRANSMISSION, joined["object_id"][len(paths) :], named)
-    back_id = path_ids(links.tx_number[link], links.rx_number[link], interaction, named)
-    back_id = tell_apart(back_id, link, rank_by[row])
-    joined["path_id"] = np.concatenate([paths.path_id, back_id])
+    surface, no_ray = joined["surface"][len(paths) :], np.full(len(link), -1)
+    back = path_names(links, link, interaction, surface, no_ray, table, rank_by[row])
+    joined["path_id"] = np.concatenate([paths.path_id, back.path_id])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]
     keys += [joined["interaction"][:, k] for k in reversed(range(depth))]

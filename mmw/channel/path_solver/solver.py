@@ -7,7 +7,7 @@ import numpy as np
 from mmw.channel.antennas.link_elements import LinkElements, configured_elements
 from mmw.channel.links import Links
 from mmw.channel.path_solver.finite_shares import finite_shares, weakest_shares
-from mmw.channel.path_solver.found_geometry import first_faces, found_geometry, gather, range_rates
+from mmw.channel.path_solver.found_geometry import found_geometry
 from mmw.channel.path_solver.image_method import trace_paths
 from mmw.channel.path_solver.path_names import path_names
 from mmw.channel.path_solver.reciprocity import add_reversed_links, all_links, unique_links
@@ -15,14 +15,13 @@ from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
 from mmw.channel.path_solver.trace import Trace, losses_db, traced_transfer
 from mmw.channel.path_solver.weak_paths import diffracted_bounds, without_weak_wedges
-from mmw.channel.paths import PathSet, path_kinds
+from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from mmw.core.constants import SPEED_OF_LIGHT
 from mmw.core.errors import InputError
 from mmw.core.kinematics import Motion
 from mmw.core.remember import remembered
 from mmw.physics.em.diffraction import DiffractionModel, WedgeHits, WedgeTerms, is_lit
-from mmw.physics.em.field import combine
 from mmw.physics.em.path_gain import wedge_terms_of
 from mmw.physics.materials.material import Material
 from mmw.physics.materials.permittivity import permittivity_table
@@ -98,7 +97,7 @@ def trace_links(
         found = trace_paths(search, is_pair)
     finally:
         search.release()
-    geometry, interactions = found_geometry(search, found)
+    geometry, interactions = found_geometry(search, found, motion)
     if config.diffraction and not config.diffraction_lit_region:
         lit = interactions.wedges.path[is_lit(geometry, interactions.wedges)]
         keep = np.setdiff1d(np.arange(len(found)), lit)
@@ -111,13 +110,12 @@ def trace_links(
         keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
         found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
         share, mixed, curvature = share[keep], mixed.take(keep), curvature[keep]
-    range_rate = range_rates(search, found, geometry, motion)
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
         inside = table.foliage.lengths_inside(scene, *ends, found)
     shape = share, mixed, curvature
-    return Trace(search, found, geometry, interactions, range_rate, inside, links, traced, reverse_of, *shape)
+    return Trace(search, found, geometry, interactions, inside, links, traced, reverse_of, *shape)
 
 
 def path_gains(
@@ -150,17 +148,14 @@ def path_gains(
     links, table = search.links, search.table
     terms = wedge_terms_of(geometry, trace.interactions, config.carriers_hz, diffraction_model)
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model, terms)
-    is_there = found.kind != 0
     rank_by = _ranked_by(trace, config, diffraction_model, terms)
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        path_id=path_names(links, found, trace.interactions.wedges, table, rank_by),
-        kind=path_kinds(found.kind),
+        **vars(path_names(links, found.link, found.kind, found.surface, found.ray, table, rank_by)),
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
         surface=found.surface,
-        object_id=gather(table.object_id, first_faces(found, table), is_there),
         material_id=trace.interactions.material_id,
         vertex=found.vertex,
         normal=found.normal,
@@ -168,7 +163,7 @@ def path_gains(
         curvature=np.full((len(found), 6), np.nan) if trace.curvature is None else trace.curvature,
         tau=geometry.length / SPEED_OF_LIGHT,
         **{name: getattr(geometry, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
-        range_rate=trace.range_rate,
+        range_rate=geometry.range_rate,
         count=np.bincount(found.link, minlength=len(links)).astype(np.int32),
         transfer=transfer,
         a=a,
@@ -179,7 +174,7 @@ def path_gains(
         paths, rank_by = paths.take(rows), rank_by[rows]
     if is_whole:
         return paths
-    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table.wall, rank_by)
+    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table, rank_by)
 
 
 def _ranked_by(
@@ -281,12 +276,11 @@ def _gains(
     """Return transfer [P, C, 2, 2], coefficient [P, C] and losses [P, C] of every weather."""
     links, found, geometry, carriers = trace.search.links, trace.found, trace.geometry, config.carriers_hz
     rotations = links.tx.rotation, links.rx.rotation
-    tx_field, rx_field = elements.fields(geometry, *rotations, found.link)
-    many = len(carriers)
-    ends = [np.repeat(field, many, axis=0) for field in (rx_field, tx_field)] if many > 1 else (rx_field, tx_field)
+    fields = elements.fields(geometry, *rotations, found.link)
     transfer, a, loss_db = {}, {}, {}
     for weather, by_id in materials.items():
         loss_db[weather] = losses_db(trace, carriers, None if air is None else air.get(weather), elements)
-        transfer[weather] = traced_transfer(trace, carriers, by_id, loss_db[weather], diffraction_model, terms)
-        a[weather] = combine(ends[0], transfer[weather].reshape(-1, 2, 2), ends[1])[:, 0, 0].reshape(-1, many)
+        transfer[weather], a[weather] = traced_transfer(
+            trace, carriers, by_id, loss_db[weather], diffraction_model, terms, fields
+        )
     return transfer, a, loss_db

@@ -14,8 +14,10 @@ from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.channel.path_solver.surface_blocks import member_blocks, triangle_blocks
 from mmw.channel.path_solver.workspace import Workspace
+from mmw.core.host_kernels import HOST
 from mmw.core.planar_surfaces import linked_rows
 from mmw.kernels.channel.finite_surfaces import Outlines
+from mmw.kernels.channel.path_names import NamedSurfaces
 from mmw.kernels.channel.surfaces import Surfaces
 from mmw.kernels.core import structs
 from mmw.physics.em.vectors import dot, norm
@@ -81,6 +83,16 @@ class SurfaceTable:
         """Largest surface of the plane or curved surface of each, which names all of them in `path_id`, shape [G]."""
         wall = self.lead[self.plane]
         return wall if self.curved is None else np.where(self.curved.is_curved, self.curved.largest, wall)
+
+    @cached_property
+    def names_on_host(self) -> NamedSurfaces:
+        """Names of surfaces and wedges for kernels of the host."""
+        names = NamedSurfaces()
+        names.wall, names.object_id, names.line, names.face = (
+            wp.array(values, dtype=wp.int32, device=HOST)
+            for values in (self.wall, self.object_id, self.wedges.line, self.wedges.surface_0)
+        )
+        return names
 
     @cached_property
     def is_mirror(self) -> np.ndarray | None:

@@ -10,9 +10,9 @@ from mmw.channel.path_solver.mixed_walls import MixedWalls
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import AIR_LOSSES
-from mmw.physics.em.attenuation import path_loss_db
+from mmw.physics.em.attenuation import VERTICAL_TILT, path_loss_db
 from mmw.physics.em.diffraction import DiffractionModel, WedgeTerms
-from mmw.physics.em.field import PathGeometry
+from mmw.physics.em.field import PathGeometry, combine
 from mmw.physics.em.foliage import foliage_loss_db, with_scattering_foliage
 from mmw.physics.em.path_gain import Interactions, path_transfer
 from mmw.physics.materials.material import Material
@@ -28,8 +28,6 @@ class Trace:
     found: TracedPaths
     geometry: PathGeometry
     interactions: Interactions
-    range_rate: np.ndarray
-    """Rate of change of each path's length [m/s], shape [P]."""
     foliage_m: np.ndarray
     """Length of each path inside foliage that waves pass [m], shape [P]."""
     links: Links
@@ -52,7 +50,6 @@ class Trace:
             found=self.found.take(rows),
             geometry=self.geometry.take(rows),
             interactions=self.interactions.take(rows),
-            range_rate=self.range_rate[rows],
             foliage_m=self.foliage_m[rows],
             share=None if self.share is None else self.share[rows],
             mixed=None if self.mixed is None else self.mixed.take(rows),
@@ -74,7 +71,9 @@ def losses_db(
     if air is None:
         losses = {name: np.zeros((len(trace.found), len(carriers_hz))) for name in AIR_LOSSES}
     else:
-        elevation, tilt = np.pi / 2 - trace.geometry.theta_t, elements.tx.tilt[trace.found.link]
+        elevation, tilt = np.pi / 2 - trace.geometry.theta_t, VERTICAL_TILT
+        if air.rain_mm_h > 0.0:  # the only loss that depends on it
+            tilt = elements.tx.tilt[trace.found.link]
         losses = path_loss_db(air, carriers_hz, trace.geometry.length, elevation, tilt)
     is_clear = trace.search.table.foliage is None
     foliage = np.zeros_like(losses["gas_db"]) if is_clear else foliage_loss_db(carriers_hz, trace.foliage_m)
@@ -88,8 +87,10 @@ def traced_transfer(
     losses: dict[str, np.ndarray],
     model: DiffractionModel,
     terms: tuple[WedgeTerms, ...],
-) -> np.ndarray:
-    """Return the polarimetric transfer of each path in one weather, with its losses, shape [P, C, 2, 2].
+    fields: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the polarimetric transfer of each path in one weather, with its losses, shape [P, C, 2, 2], and the
+    coefficients between the antennas, shape [P, C], or [0, C] without fields.
 
     Args:
         trace: The paths.
@@ -98,18 +99,21 @@ def traced_transfer(
         losses: `losses_db` of the weather.
         model: How wedges diffract.
         terms: `wedge_terms_of` the paths.
+        fields: Far fields (theta, phi) of the antennas of transmitter and receiver, shape [P, 2, 2]; None for none.
     """
     if trace.search.table.foliage is not None:
         materials = with_scattering_foliage(materials)
     remaining = 10.0 ** (-sum(losses.values()) / 20.0)
-    transfer = path_transfer(trace.geometry, trace.interactions, materials, carriers_hz, model, terms)
-    if trace.share is not None:
-        transfer *= trace.share[:, :, None, None]
+    weight = remaining if trace.share is None else remaining * trace.share
+    paths = trace.geometry, trace.interactions
+    transfer, coefficients = path_transfer(*paths, materials, carriers_hz, model, terms, weight, fields)
     if trace.mixed is not None:
-        paths, transfers = mixed_transfer(trace, trace.mixed, materials, carriers_hz, model)
-        transfer[paths] = transfers
-    transfer *= remaining[:, :, None, None]
-    return transfer
+        rows, transfers = mixed_transfer(trace, trace.mixed, materials, carriers_hz, model)
+        transfer[rows] = transfers * remaining[rows][:, :, None, None]
+        if fields is not None:
+            own = fields[rows]
+            coefficients[rows] = combine(own[:, 1:], transfer[rows], own[:, :1])[:, :, 0, 0]
+    return transfer, coefficients
 
 
 def mixed_transfer(
@@ -136,6 +140,6 @@ def mixed_transfer(
         interactions = trace.interactions.take(paths[own])
         given = np.where(mixed.material_id[rows] < 0, interactions.material_id, mixed.material_id[rows])
         interactions = replace(interactions, material_id=given)
-        part = path_transfer(trace.geometry.take(paths[own]), interactions, materials, carriers_hz, model)
+        part, _ = path_transfer(trace.geometry.take(paths[own]), interactions, materials, carriers_hz, model)
         total[own] += mixed.weight[rows][:, :, None, None] * part
     return paths, total

@@ -52,7 +52,8 @@ def without_weak_wedges(
     none = wedge_terms_of(plain.geometry, plain.interactions, carriers, model)
     for weather, by_id in materials.items():
         losses = losses_db(plain, carriers, None if air is None else air.get(weather), elements)
-        strength = np.linalg.norm(traced_transfer(plain, carriers, by_id, losses, model, none), axis=(2, 3))
+        transfer, _ = traced_transfer(plain, carriers, by_id, losses, model, none)
+        strength = np.linalg.norm(transfer, axis=(2, 3))
         strongest = np.zeros((len(trace.search.links), len(carriers)))
         np.maximum.at(strongest, plain.found.link, strength)
         needed = strongest[trace.found.link] * 10.0 ** (-config.dynamic_range_db / 20.0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.frame_paths import frame_paths
+from mmw.channel.frame_paths import FramePaths
 from mmw.channel.links import Links
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_table import CarrierPaths
@@ -144,6 +144,7 @@ class FrameTables:
         self._done: set[Maker] = set()
         self._samples: dict[tuple[str, Maker], Rows] = {}
         self._channel: tuple[Links, PathSet] | None = None
+        self._paths: FramePaths | None = None
         self._names: tuple[tuple[str, ...], tuple[str, ...]] = (), ()  # of actors and antennas
 
     @property
@@ -273,7 +274,9 @@ class FrameTables:
         carrier = np.flatnonzero(paths.carriers_hz == carrier_hz)
         if not len(paths) or not len(carrier):
             return None
-        return frame_paths(links, paths, weather, int(carrier[0]), *self._names, scenario)
+        if self._paths is None:
+            self._paths = FramePaths(links, paths, weather, *self._names, scenario)
+        return self._paths.at(int(carrier[0]))
 
     def _channel_of(self, batch: Batch, surfaces: SurfaceTable) -> tuple[Links, PathSet]:
         """Return the links and their paths, traced once."""

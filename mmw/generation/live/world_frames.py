@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import pyarrow as pa
 
-from mmw.channel.frame_paths import frame_paths
+from mmw.channel.frame_paths import FramePaths
 from mmw.channel.links import Links
 from mmw.channel.path_table import CarrierPaths
 from mmw.channel.path_view import join_paths
@@ -168,17 +168,24 @@ class WorldFrames:
     def _carrier(self, carrier_hz: float) -> CarrierPaths | None:
         """Return the paths of all worlds at a carrier [Hz]; None if there are none or memory has parted the worlds."""
         if carrier_hz not in self._carriers:
-            world, found = self._worlds.world, None
-            solved = self._channel if "path_gains" in world.makers else []
-            if len(solved) == 1:
-                links, paths = solved[0][1]
+            own, found = self._solved, None
+            if own is not None:
+                paths, in_order = own
                 carrier = np.flatnonzero(paths.carriers_hz == carrier_hz)
-                if len(paths) and len(carrier):
-                    names = actor_names(world.batch.arrays.actors), antenna_names(world.config)
-                    of = self._worlds.weather, int(carrier[0]), *names, self._worlds.scenario
-                    found = frame_paths(links, paths, *of)
+                found = in_order.at(int(carrier[0])) if len(carrier) else None
             self._carriers[carrier_hz] = found
         return self._carriers[carrier_hz]
+
+    @cached_property
+    def _solved(self) -> tuple[PathSet, FramePaths] | None:
+        """The paths of all worlds, as solved and in the order of tables; None if there are none in one launch."""
+        worlds = self._worlds
+        solved = self._channel if "path_gains" in worlds.world.makers else []
+        if len(solved) != 1 or not len(solved[0][1][1]):
+            return None
+        names = actor_names(worlds.world.batch.arrays.actors), antenna_names(worlds.world.config)
+        links, paths = solved[0][1]
+        return paths, FramePaths(links, paths, worlds.weather, *names, worlds.scenario)
 
     @cached_property
     def _channel(self) -> list[tuple[range, tuple[Links, PathSet]]]:

@@ -142,20 +142,23 @@ def path_loss_db(
     Raises:
         InputError: If a carrier is outside 0.5 to 1000 GHz, or above 200 GHz in fog.
     """
-    carriers = np.atleast_1d(np.asarray(carriers_hz, dtype=np.float64))
-    carriers = np.where((carriers >= CARRIERS_GHZ[0] * 1e9) & (carriers < AIR_MIN_HZ), AIR_MIN_HZ, carriers)
+    given = carriers_hz if isinstance(carriers_hz, tuple) else tuple(np.atleast_1d(np.asarray(carriers_hz)).tolist())
+    carriers, rain, fog, gas = _same_everywhere(weather, given)
     km = np.asarray(length_m, dtype=np.float64)[:, None] / 1000.0
-    rain = fog = np.zeros(carriers.shape)
     if weather.rain_mm_h > 0.0:
         rain = rain_attenuation(weather.rain_mm_h, carriers, np.asarray(elevation)[:, None], np.reshape(tilt, (-1, 1)))
-    if weather.liquid_water_g_m3 > 0.0:
-        fog = fog_attenuation(weather.liquid_water_g_m3, carriers, weather.temperature_c)
-    gas = _gas(tuple(carriers), weather.dry_pressure_hpa, weather.temperature_c, weather.water_vapour_g_m3)
     return {"rain_db": rain * km, "fog_db": fog * km, "gas_db": gas * km}
 
 
 @lru_cache(maxsize=256)
-def _gas(carriers_hz: tuple[float, ...], *air: float) -> np.ndarray:
-    """Return the attenuation by air and vapor [dB/km], shape [C]: 80 lines that do not change from call to call."""
-    dry_air, vapour = gas_attenuation(np.array(carriers_hz), *air)
-    return dry_air + vapour
+def _same_everywhere(weather: Weather, carriers_hz: tuple[float, ...]) -> tuple[np.ndarray, ...]:
+    """Return the carriers that the Recommendations are asked for [Hz], and the attenuation at each by no rain, fog, and
+    air and vapor [dB/km], shape [C]: for the latter 80 lines that do not change from call to call."""
+    carriers = np.array(carriers_hz, dtype=np.float64)
+    carriers = np.where((carriers >= CARRIERS_GHZ[0] * 1e9) & (carriers < AIR_MIN_HZ), AIR_MIN_HZ, carriers)
+    none = fog = np.zeros(carriers.shape)
+    if weather.liquid_water_g_m3 > 0.0:
+        fog = fog_attenuation(weather.liquid_water_g_m3, carriers, weather.temperature_c)
+    air = weather.dry_pressure_hpa, weather.temperature_c, weather.water_vapour_g_m3
+    dry_air, vapour = gas_attenuation(carriers, *air)
+    return carriers, none, fog, dry_air + vapour

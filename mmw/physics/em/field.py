@@ -8,16 +8,16 @@ Source: image theory for the spreading; ITU-R P.2040-4 for the coefficients; pol
 in C. A. Balanis, Advanced Engineering Electromagnetics, chapter 5.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from mmw.core.constants import SPEED_OF_LIGHT
-from mmw.core.transforms import cross
-from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
-from mmw.physics.em.surface_response import SurfaceResponse
-from mmw.physics.em.vectors import direction_angles, dot, norm, spherical_basis
+from mmw.core.host_kernels import as_complex, as_pairs, run_on_host
+from mmw.kernels.channel.path_geometry import path_geometry_kernel, perpendicular_kernel
+from mmw.kernels.channel.path_transfer import combine_kernel, path_transfer_kernel
+from mmw.kernels.channel.plane_response import PlaneMaterials
 
 
 @dataclass(frozen=True)
@@ -37,26 +37,48 @@ class PathGeometry:
     turn: np.ndarray
     """Real matrices from the basis before to the basis of the next interaction; the first starts at the transmitter's
     (theta, phi), the one behind the last interaction ends in the receiver's, the rest is 1. Shape [P, D + 1, 2, 2]."""
-    theta_t: np.ndarray
-    phi_t: np.ndarray
-    theta_r: np.ndarray
-    phi_r: np.ndarray
+    ends: np.ndarray
+    """Unit directions that leave the transmitter, and from the receiver back along the path, shape [P, 2, 3]."""
+    angles: np.ndarray
+    """Zenith and azimuth of both [rad], shape [P, 2, 2]."""
+    range_rate: np.ndarray
+    """Rate of change of the length [m/s], shape [P]."""
 
     def take(self, rows: np.ndarray) -> "PathGeometry":
         """Return some of the paths."""
         return PathGeometry(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
 
     @property
+    def theta_t(self) -> np.ndarray:
+        """Zenith of departure [rad], shape [P]."""
+        return self.angles[:, 0, 0]
+
+    @property
+    def phi_t(self) -> np.ndarray:
+        """Azimuth of departure [rad], shape [P]."""
+        return self.angles[:, 0, 1]
+
+    @property
+    def theta_r(self) -> np.ndarray:
+        """Zenith of arrival [rad], shape [P]."""
+        return self.angles[:, 1, 0]
+
+    @property
+    def phi_r(self) -> np.ndarray:
+        """Azimuth of arrival [rad], shape [P]."""
+        return self.angles[:, 1, 1]
+
+    @property
     def departure(self) -> np.ndarray:
         """Unit direction leaving the transmitter, shape [P, 3]."""
-        return self.direction[:, 0]
+        return self.ends[:, 0]
 
     @property
     def arrival(self) -> np.ndarray:
         """Unit direction from the receiver back along the path, shape [P, 3]."""
-        return -self.direction[:, -1]
+        return self.ends[:, 1]
 
-    @property
+    @cached_property
     def length(self) -> np.ndarray:
         """Total length [m], shape [P]."""
         total = self.segment_length[:, 0]
@@ -74,149 +96,125 @@ class PathGeometry:
         return before, behind
 
 
+@dataclass(frozen=True)
+class MovingBodies:
+    """Rigid bodies that carry points of paths."""
+
+    body: np.ndarray
+    """Body of each interaction, -1 for none, shape [P, D]."""
+    motion: np.ndarray
+    """Place [m], velocity [m/s] and angular velocity [rad/s] of each body, world frame, shape [B, 3, 3]."""
+
+
 def path_geometry(
-    tx: np.ndarray, rx: np.ndarray, interaction: np.ndarray, vertex: np.ndarray, normal: np.ndarray, edge: np.ndarray
+    link: np.ndarray,
+    place: np.ndarray,
+    velocity: np.ndarray,
+    interaction: np.ndarray,
+    vertex: np.ndarray,
+    normal: np.ndarray,
+    edge: np.ndarray | None = None,
+    bodies: MovingBodies | None = None,
 ) -> PathGeometry:
     """Return directions, lengths and polarization bases of paths.
 
     Args:
-        tx: Transmitters [m], shape [P, 3].
-        rx: Receivers [m], shape [P, 3].
+        link: Link of each path, shape [P].
+        place: Transmitter and receiver of each link [m], shape [L, 2, 3].
+        velocity: Their velocities [m/s], shape [L, 2, 3].
         interaction: Kind of each interaction, 0 behind the last, shape [P, D].
         vertex: Points of interaction [m], NaN behind the last, shape [P, D, 3].
         normal: Unit normals at the points, either side, shape [P, D, 3].
-        edge: Unit vectors along the edge of each diffraction, anything elsewhere, shape [P, D, 3].
+        edge: Unit vectors along the edge of each diffraction, anything elsewhere, shape [P, D, 3]; None without any.
+        bodies: What moves and carries some of the points; None for nothing.
+
+    Source: of the rates first-order Doppler, Sionna RT 2.2 technical report.
     """
-    count, depth = interaction.shape
-    order = (interaction != 0).sum(axis=1)[:, None]
-    column = np.arange(depth + 1)
-    points = np.empty((count, depth + 2, 3))
-    points[:, 0], points[:, -1] = tx, rx
-    points[:, 1:-1] = np.where((column[:-1] < order)[..., None], vertex, rx[:, None])
-    span = points[:, 1:] - points[:, :-1]
-    segment_length = norm(span)
-    unit = span / np.where(segment_length > 0.0, segment_length, 1.0)[..., None]
-    direction = unit[np.arange(count)[:, None], np.minimum(column, order)]
-    ends = np.empty((2, count, 3))
-    ends[0], ends[1] = direction[:, 0], -direction[:, -1]
-    theta, phi = direction_angles(ends)
-    basis = _pair(*spherical_basis(theta, phi))
-    into, out = np.empty((2, count, depth + 1, 2, 3))
-    incoming, outgoing, cosine = _bases(direction[:, :-1], direction[:, 1:], interaction, normal, edge)
-    is_none = (interaction == 0)[..., None, None]
-    into[:, :-1], out[:, 1:] = (
-        np.where(is_none, basis[1, :, None], incoming),
-        np.where(is_none, basis[1, :, None], outgoing),
-    )
-    into[:, -1], out[:, 0] = basis[1], basis[0]
-    turn = dot(into[..., :, None, :], out[..., None, :, :])
-    turn[column > order] = np.eye(2)
-    return PathGeometry(
-        interaction, direction, segment_length, cosine, into[:, :-1], turn, theta[0], phi[0], theta[1], phi[1]
-    )
+    (count, depth), along = interaction.shape, _NO_EDGES if edge is None else edge
+    body, motion = (_NO_BODIES, _NO_MOTION) if bodies is None else (bodies.body, bodies.motion)
+    inputs = link, place, velocity, interaction, vertex, normal, along, body, motion
+    of_path, of_step, of_segment = (count,), (count, depth), (count, depth + 1)
+    outputs = of_segment, of_segment, of_step, (*of_step, 2), of_segment, (count, 2), (count, 2), of_path
+    return PathGeometry(interaction, *run_on_host(path_geometry_kernel, (count,), inputs, (), outputs))
 
 
-def _bases(
-    k_in: np.ndarray, k_out: np.ndarray, kind: np.ndarray, normal: np.ndarray, edge: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the basis of the incoming and of the outgoing wave, shape [..., 2, 3] each, and the cosine of incidence,
-    shape [...], of interactions."""
-    kinds = np.bitwise_or.reduce(kind, axis=None)  # their numbers are bits
-    has_normal = (kind & (SPECULAR | TRANSMISSION | DIFFUSE)) != 0
-    facing = np.where(has_normal[..., None], normal, [0.0, 0.0, 1.0])
-    axis = out_axis = perpendicular(k_in, facing)
-    if kinds & DIFFRACTION:
-        edges = (kind == DIFFRACTION)[..., None]
-        axis = np.where(edges, perpendicular(k_in, edge), axis)
-        out_axis = np.where(edges, -perpendicular(k_out, edge), axis)
-    into, out = _pair(axis, cross(k_in, axis)), _pair(out_axis, cross(k_out, out_axis))
-    if kinds & DIFFUSE:
-        rough = (kind == DIFFUSE)[..., None, None]
-        into = np.where(rough, _pair(*spherical_basis(*direction_angles(k_in))), into)
-        out = np.where(rough, _pair(*spherical_basis(*direction_angles(k_out))), out)
-    cosine = np.where(has_normal, np.minimum(np.abs(dot(k_in, facing)), 1.0), 1.0)
-    return into, out, cosine
-
-
-def _pair(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return two vectors in one array, shape [..., 3] each -> [..., 2, 3]."""
-    out = np.empty((*first.shape[:-1], 2, 3))
-    out[..., 0, :], out[..., 1, :] = first, second
-    return out
+_NO_EDGES, _NO_BODIES, _NO_MOTION = np.zeros((0, 0, 3)), np.zeros((0, 0), dtype=np.int32), np.zeros((0, 3, 3))
+"""Arguments of the kernel for what there is not."""
 
 
 def perpendicular(direction: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [..., 3]."""
-    axis = cross(direction, normal)
-    square = dot(axis, axis)
-    is_normal = square < 1e-12
-    if is_normal.any():
-        other = np.where(np.abs(direction[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-        axis = np.where(is_normal[..., None], cross(direction, other), axis)
-        square = dot(axis, axis)
-    return axis / np.sqrt(square)[..., None]
+    """Return the unit TE axis, direction x normal; any axis across the ray at normal incidence. Shape [N, 3]."""
+    shape = (len(direction),)
+    return run_on_host(perpendicular_kernel, shape, (direction, normal), (), (shape,))[0]
 
 
-def plane_matrices(geometry: PathGeometry, material_id: np.ndarray, response: SurfaceResponse) -> np.ndarray:
-    """Return the matrices of all reflections and transmissions; 1 behind the last interaction, 0 for the other kinds.
+@dataclass(frozen=True)
+class GivenMatrices:
+    """Matrices of interactions that do not follow from a material without layers."""
 
-    Args:
-        geometry: The paths.
-        material_id: Material at each interaction and carrier, shape [C, P, D]; ignored where there is none.
-        response: The materials. Scattering leaves a share for the reflected field.
-
-    Returns:
-        Shape [C, P, D, 2, 2], complex128, in the bases of `geometry`.
-
-    Source: ITU-R P.2040-4, equations 37, 43, 44; S after V. Degli-Esposti et al., IEEE Trans. AP 55(1), 2007.
-    """
-    kind, carriers = geometry.interaction, len(material_id)
-    matrices = np.zeros((*material_id.shape, 2, 2), dtype=np.complex128)
-    matrices[:, kind == 0] = np.eye(2)
-    for code, coefficients in ((SPECULAR, response.reflection), (TRANSMISSION, response.transmission)):
-        path, step = np.nonzero(kind == code)
-        if not len(path):
-            continue
-        material, cosine = material_id[:, path, step].ravel(), np.tile(geometry.cosine[path, step], carriers)
-        pair = coefficients(material, cosine)
-        share = response.specular_share(material, cosine) if code == SPECULAR else 1.0
-        for row, values in enumerate(pair):
-            matrices[:, path, step, row, row] = (values * share).reshape(carriers, -1)
-    return matrices
+    is_given: np.ndarray
+    """Whether an interaction has one, shape [P, D], bool."""
+    matrix: np.ndarray
+    """The matrices in the bases of the geometry, shape [P, C, D, 2, 2], complex128."""
 
 
 def polarimetric_transfer(
     geometry: PathGeometry,
-    matrices: np.ndarray,
-    spreading: np.ndarray,
-    carriers_hz: np.ndarray,
-    attenuate: Callable[[int, np.ndarray], np.ndarray] | None = None,
-) -> np.ndarray:
+    material_id: np.ndarray,
+    materials: PlaneMaterials,
+    factor: np.ndarray,
+    given: GivenMatrices | None = None,
+    columns: Sequence[Callable[[int, np.ndarray], np.ndarray]] = (),
+    fields: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the 2x2 transfer of every path: receive by transmit component in the (theta, phi) basis.
 
     Args:
         geometry: The paths.
-        matrices: Matrix of each interaction at each carrier, shape [C, P, D, 2, 2].
-        spreading: Spreading factor, 1 / length for image theory [1/m], shape [P].
-        carriers_hz: Carrier frequencies [Hz], shape [C].
-        attenuate: Function of the number of an interaction and the field that arrives there, [C, P, 2, 2], that returns
-            a factor for each column, [C, P, 2]; see `mmw.physics.em.scattering.rough_columns`.
+        material_id: Material of each interaction, shape [P, D]; ignored where there is none.
+        materials: The materials, at C carriers.
+        factor: Factor of each path at each carrier, lambda / (4 pi length) for image theory, real or complex, shape
+            [P, C].
+        given: Matrices of the interactions that are no reflection at, or passage through, one of these materials.
+        columns: For each carrier, a function of the number of an interaction and the field that arrives there, shape
+            [P, 2, 2], that returns a factor for each column, [P, 2]; see `mmw.physics.em.scattering.rough_columns`.
+        fields: Far fields (theta, phi) of the antennas of transmitter and receiver, shape [P, 2, 2]; None for none.
 
     Returns:
-        lambda / (4 pi) times spreading times the polarization matrix, without carrier phase, [C, P, 2, 2], complex128.
+        The factor times the polarization matrix, without carrier phase, shape [P, C, 2, 2], and the coefficients
+        between the antennas, shape [P, C], or [0, C] without fields; complex128.
     """
-    total = np.broadcast_to(geometry.turn[:, 0], (len(matrices), *geometry.turn[:, 0].shape)).astype(np.complex128)
-    for k in range(matrices.shape[2]):
-        if attenuate is not None:
-            total = total * attenuate(k, total)[..., None, :]
-        total = times(geometry.turn[:, k + 1], times(matrices[:, :, k], total))
-    scale = (SPEED_OF_LIGHT / carriers_hz / (4.0 * np.pi))[:, None] * spreading
-    return scale[..., None, None] * total
+    (count, depth), carriers = geometry.interaction.shape, factor.shape[1]
+    shape = (count, carriers, 4)
+    rows = geometry.interaction, material_id, geometry.cosine, geometry.turn
+    matrices = (_NO_FLAGS, _NO_MATRICES)
+    if given is not None:
+        matrices = given.is_given, as_pairs(given.matrix.reshape(count, carriers, depth, 4))
+
+    antennas = _NO_FIELD if fields is None else as_pairs(fields)
+    outputs = shape, (len(antennas), carriers)
+
+    def between(first: int, stop: int, arriving: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the field behind some interactions, shape [P, C, 2, 2], and the coefficients."""
+        inputs = *rows, as_pairs(scale), *matrices, arriving, antennas
+        others = materials, first, stop
+        field, between_antennas = run_on_host(path_transfer_kernel, shape[:2], inputs, others, outputs)
+        return as_complex(field).reshape(count, carriers, 2, 2), as_complex(between_antennas)
+
+    if not columns:
+        return between(0, depth, _NO_FIELD, factor)
+    total = np.broadcast_to(geometry.turn[:, None, 0], (count, carriers, 2, 2)).astype(np.complex128)
+    coefficients = np.zeros((0, carriers), dtype=np.complex128)
+    for step in range(depth):
+        factors = [column(step, total[:, carrier]) for carrier, column in enumerate(columns)]
+        total = total * np.stack(factors, axis=1)[:, :, None]
+        scale = factor if step == depth - 1 else np.ones(factor.shape)
+        total, coefficients = between(step, step + 1, as_pairs(total.reshape(shape)), scale)
+    return total, coefficients
 
 
-def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the products of 2x2 matrices, shape [..., 2, 2] each, written out so that rows do not depend on others."""
-    return a[..., :, 0, None] * b[..., None, 0, :] + a[..., :, 1, None] * b[..., None, 1, :]
+_NO_FLAGS, _NO_MATRICES, _NO_FIELD = np.zeros((0, 0), dtype=bool), np.zeros((0, 0, 0, 0, 2)), np.zeros((0, 0, 0, 2))
+"""Arguments of the kernel for what there is not."""
 
 
 def combine(receive: np.ndarray, transfer: np.ndarray, transmit: np.ndarray) -> np.ndarray:
@@ -224,12 +222,15 @@ def combine(receive: np.ndarray, transfer: np.ndarray, transmit: np.ndarray) -> 
 
     Args:
         receive: Receive fields (theta, phi), shape [P, K, 2].
-        transfer: Polarimetric transfer, shape [P, 2, 2].
+        transfer: Polarimetric transfer, shape [P, C, 2, 2].
         transmit: Transmit fields, shape [P, T, 2].
 
     Returns:
-        F_r^T transfer F_t, shape [P, K, T], complex128.
+        F_r^T transfer F_t, shape [P, C, K, T], complex128.
     """
-    theta, phi = transmit[:, :, 0], transmit[:, :, 1]
-    transmitted = [transfer[:, row, None, 0] * theta + transfer[:, row, None, 1] * phi for row in range(2)]
-    return receive[:, :, 0, None] * transmitted[0][:, None, :] + receive[:, :, 1, None] * transmitted[1][:, None, :]
+    (count, carriers), receivers, transmitters = transfer.shape[:2], receive.shape[1], transmit.shape[1]
+    values = receive, transmit, transfer.reshape(count, carriers, 4)
+    inputs = [as_pairs(part) for part in values]
+    shape = (count, carriers, receivers, transmitters)
+    (pairs,) = run_on_host(combine_kernel, shape[:2], inputs, (), (shape,))
+    return as_complex(pairs)

@@ -1,10 +1,15 @@
 """Compute reflection and transmission at a flat surface: half-space, slab or perfect conductor, in complex float64."""
 
+from typing import Any
+
 import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.host_kernels import as_complex, as_pairs, run_on_host
+from mmw.kernels.channel.plane_response import OPAQUE_NEPER as _OPAQUE_NEPER
+from mmw.kernels.channel.plane_response import slab_kernel
 
-OPAQUE_NEPER = 100.0
+OPAQUE_NEPER = float(_OPAQUE_NEPER.value)
 """A slab that weakens a wave more than this on one crossing, by 869 dB, lets nothing through [Np]: products of such
 numbers would underflow."""
 
@@ -26,10 +31,7 @@ def reflection(
 
     Source: ITU-R P.2040-4, equations 37a, 37b (half-space), 43 and 44 (slab).
     """
-    conductor, single_trip, interfaces = _slab(permittivity, cosine, thickness, carrier_hz)
-    round_trip = single_trip**2
-    te, tm = (r * (1.0 - round_trip) / _echoes(crossing, round_trip) for r, crossing in interfaces)
-    return np.where(conductor, -1.0, te), np.where(conductor, 1.0, tm)
+    return _coefficients(False, permittivity, cosine, thickness, carrier_hz)
 
 
 def transmission(
@@ -51,34 +53,18 @@ def transmission(
 
     Source: ITU-R P.2040-4, equations 43 and 44: T = (1 - r^2) e^{-jq} / (1 - r^2 e^{-2jq}).
     """
-    conductor, single_trip, interfaces = _slab(permittivity, cosine, thickness, carrier_hz)
-    te, tm = (crossing * single_trip / _echoes(crossing, single_trip**2) for _, crossing in interfaces)
-    return np.where(conductor, 0.0, te), np.where(conductor, 0.0, tm)
+    return _coefficients(True, permittivity, cosine, thickness, carrier_hz)
 
 
-def _slab(
-    permittivity: np.ndarray, cosine: np.ndarray, thickness: np.ndarray, carrier_hz: float | np.ndarray
-) -> tuple[np.ndarray, np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
-    """Return where the surface is a perfect conductor, e^{-jq} of one crossing, and (r, 1 - r^2) of TE and of TM.
+def _coefficients(is_through: bool, *given: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return TE and TM of what a slab lets through, or reflects, of arguments that broadcast.
 
     q = 2 pi d sqrt(eta - sin^2) / lambda. A half-space sends nothing back from its far side: its e^{-jq} is 0.
     """
-    conductor = np.isinf(permittivity)
-    eta = np.where(conductor, 1.0, permittivity)
-    inner = np.sqrt(eta - (1.0 - cosine**2))
-    inner = np.where(inner.imag > 0.0, -inner, inner)  # the wave dies out inside, also without any loss
-    inner = np.where(eta == 1.0, cosine, inner)  # vacuum reflects exactly nothing: 1 - (1 - c^2) is only close to c^2
-    exponent = -2j * np.pi * thickness * carrier_hz / SPEED_OF_LIGHT * inner
-    through = (thickness > 0.0) & ~(exponent.real < -OPAQUE_NEPER)
-    single_trip = np.where(through, np.exp(np.where(through, exponent, 0.0)), 0.0)
-    interfaces = []
-    for outside in (cosine, eta * cosine):
-        total = outside + inner
-        total = np.where(total == 0.0, 1.0, total)  # vacuum at grazing incidence: r = 0 / 0, and nothing reflects
-        interfaces.append(((outside - inner) / total, 4.0 * outside * inner / total**2))
-    return conductor, single_trip, interfaces
-
-
-def _echoes(crossing: np.ndarray, round_trip: np.ndarray) -> np.ndarray:
-    """Return 1 - r^2 e^{-2jq}, from 1 - r^2: r^2 itself is too close to 1 at grazing angles."""
-    return (1.0 - round_trip) + crossing * round_trip
+    permittivity, cosine, thickness, carrier_hz = np.broadcast_arrays(*given)
+    shape, count = permittivity.shape, permittivity.size
+    wave_number = 2.0 * np.pi / SPEED_OF_LIGHT * carrier_hz.reshape(-1)
+    inputs = as_pairs(permittivity.reshape(-1)), cosine.reshape(-1), thickness.reshape(-1), wave_number
+    (out,) = run_on_host(slab_kernel, (count,), inputs, [is_through], ((count,),))
+    te, tm = as_complex(out.reshape(count, 2, 2)).T
+    return te.reshape(shape), tm.reshape(shape)

@@ -1,11 +1,16 @@
 """Compute the transfer of every path for one weather and all carriers, from its geometry and the materials on it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+import warp as wp
 
+from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.host_kernels import HOST, as_pairs
 from mmw.core.remember import remembered
+from mmw.kernels.channel.plane_response import PlaneMaterials
 from mmw.physics.em.diffraction import (
     DiffractionModel,
     WedgeHits,
@@ -14,7 +19,8 @@ from mmw.physics.em.diffraction import (
     wedge_spreading,
     wedge_terms,
 )
-from mmw.physics.em.field import PathGeometry, plane_matrices, polarimetric_transfer
+from mmw.physics.em.field import GivenMatrices, PathGeometry, polarimetric_transfer
+from mmw.physics.em.interaction import SPECULAR, TRANSMISSION
 from mmw.physics.em.scattering import (
     ScatteringPoints,
     rough_amplitude,
@@ -86,8 +92,10 @@ def path_transfer(
     carriers_hz: tuple[float, ...],
     model: DiffractionModel = "utd",
     terms: tuple[WedgeTerms, ...] | None = None,
-) -> np.ndarray:
-    """Return the 2x2 polarimetric transfer of every path at every carrier, without carrier phase.
+    weight: np.ndarray | None = None,
+    fields: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the 2x2 polarimetric transfer of every path at every carrier, without carrier phase, and coefficients.
 
     Args:
         geometry: The paths.
@@ -96,9 +104,12 @@ def path_transfer(
         carriers_hz: Carrier frequencies [Hz].
         model: How wedges diffract.
         terms: `wedge_terms_of` the paths, for several weathers; computed here when not given.
+        weight: Further factor of each path at each carrier, shape [P, C]; None for 1.
+        fields: Far fields (theta, phi) of the antennas of transmitter and receiver, shape [P, 2, 2]; None for none.
 
     Returns:
-        Shape [P, C, 2, 2], complex128.
+        Transfer, shape [P, C, 2, 2], and coefficients between the antennas, shape [P, C], or [0, C] without fields;
+        complex128.
 
     Raises:
         InputError: If a material on a path has no permittivity at a carrier.
@@ -107,51 +118,102 @@ def path_transfer(
     is_used = np.bincount(ids.ravel() + 1, minlength=len(materials) + 1)[1:]
     if len(interactions.wedge_material):
         is_used += np.bincount(interactions.wedge_material.ravel(), minlength=len(materials))
-    together, by_carrier = _responses(materials, carriers_hz, tuple(np.flatnonzero(is_used).tolist()))
-    row = np.maximum(ids, 0) + len(materials) * np.arange(len(carriers_hz))[:, None, None]
+    table = material_table(materials, carriers_hz, tuple(np.flatnonzero(is_used).tolist()))
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
-    matrices = plane_matrices(geometry, row, together)
+    given = None
+    if has_wedges or has_rough or table.has_layers:
+        shape = geometry.interaction.shape
+        matrix = np.zeros((len(ids), len(carriers_hz), shape[1], 2, 2), dtype=np.complex128)
+        given = GivenMatrices(np.zeros(shape, dtype=bool), matrix)
+        _add_layered(given, geometry, ids, table.by_carrier)
     if has_wedges:
+        assert given is not None
         hits = interactions.wedges
         if terms is None:
             terms = wedge_terms_of(geometry, interactions, carriers_hz, model)
         spreading[hits.path] = wedge_spreading(geometry, hits)
-        for own, term, response in zip(matrices, terms, by_carrier, strict=True):
-            own[hits.path, hits.step] = wedge_matrices(
+        given.is_given[hits.path, hits.step] = True
+        for carrier, (term, response) in enumerate(zip(terms, table.by_carrier, strict=True)):
+            given.matrix[hits.path, carrier, hits.step] = wedge_matrices(
                 geometry, hits, term, interactions.wedge_material, response, model
             )
     columns = []
     if has_rough:
+        assert given is not None
         hits = interactions.rough
         path, factor = rough_spreading(geometry, hits)
         spreading[path] = factor
         material, cosine = ids[hits.path, hits.step], geometry.cosine[hits.path, hits.step]
         amplitude = rough_amplitude(geometry, hits, materials, material)
-        for own, response in zip(matrices, by_carrier, strict=True):
+        given.is_given[hits.path, hits.step] = True
+        for carrier, response in enumerate(table.by_carrier):
             share = response.diffuse_share(material, cosine)
-            own[hits.path, hits.step] = rough_matrices(amplitude, share, materials, material)
-            columns.append(rough_columns(geometry, hits, material, response))
+            given.matrix[hits.path, carrier, hits.step] = rough_matrices(amplitude, share, materials, material)
+        columns = [rough_columns(geometry, hits, material, response) for response in table.by_carrier]
 
-    def attenuate(step: int, field: np.ndarray) -> np.ndarray:
-        return np.stack([column(step, own) for column, own in zip(columns, field, strict=True)])
+    factor = table.aperture * spreading[:, None]
+    if weight is not None:
+        factor = factor * weight
+    return polarimetric_transfer(geometry, ids, table.planes, factor, given, columns, fields)
 
-    more = (attenuate,) if has_rough else ()
-    transfer = polarimetric_transfer(geometry, matrices, spreading, np.array(carriers_hz), *more)
-    return np.ascontiguousarray(transfer.swapaxes(0, 1))
+
+def _add_layered(
+    given: GivenMatrices, geometry: PathGeometry, material_id: np.ndarray, responses: Sequence[SurfaceResponse]
+) -> None:
+    """Add the matrices of reflections at, and passages through, materials that have layers."""
+    kind = geometry.interaction
+    is_own = responses[0].has_layers[material_id] & (material_id >= 0)
+    for code in (SPECULAR, TRANSMISSION):
+        path, step = np.nonzero(is_own & (kind == code))
+        material, cosine = material_id[path, step], geometry.cosine[path, step]
+        given.is_given[path, step] = True
+        for carrier, response in enumerate(responses):
+            if code == SPECULAR:
+                share = response.specular_share(material, cosine)
+                pair = [share * part for part in response.reflection(material, cosine)]
+            else:
+                pair = response.transmission(material, cosine)
+            for row, values in enumerate(pair):
+                given.matrix[path, carrier, step, row, row] = values
+
+
+@dataclass(frozen=True)
+class MaterialTable:
+    """Materials of a weather at C carriers."""
+
+    planes: PlaneMaterials
+    """All of them as kernels of the host take them; without layers."""
+    by_carrier: tuple[SurfaceResponse, ...]
+    """Their responses at each carrier."""
+    has_layers: bool
+    """Whether a used one has layers."""
+    aperture: np.ndarray
+    """lambda / (4 pi) at each carrier [m], shape [C]."""
 
 
 @remembered(size=256)
-def _responses(
+def material_table(
     materials: tuple[Material, ...], carriers_hz: tuple[float, ...], used: tuple[int, ...]
-) -> tuple[SurfaceResponse, tuple[SurfaceResponse, ...]]:
-    """Return the response of all materials at all carriers, material m at carrier c as m + c M, and those at each.
+) -> MaterialTable:
+    """Return the materials of a weather at all carriers.
+
+    Args:
+        materials: Materials by id.
+        carriers_hz: Carrier frequencies [Hz].
+        used: Ids that some path has; others need no data.
 
     Raises:
         InputError: If a used material has no permittivity at a carrier.
     """
     permittivity = permittivity_table(materials, carriers_hz, used)
     radios = tuple(material.radio for material in materials)
+    planes, wave_number = PlaneMaterials(), 2.0 * np.pi / SPEED_OF_LIGHT * np.array(carriers_hz)
+    planes.permittivity = wp.array(as_pairs(permittivity), dtype=wp.vec2d, device=HOST)
+    planes.wave_number = wp.array(wave_number, dtype=wp.float64, device=HOST)
+    for name in ("thickness", "scattering", "rms_height"):
+        values = [getattr(radio, name) for radio in radios]
+        setattr(planes, name, wp.array(values, dtype=wp.float64, device=HOST))
     by_carrier = tuple(SurfaceResponse(radios, permittivity[:, c], f) for c, f in enumerate(carriers_hz))
-    carriers = np.repeat(np.array(carriers_hz), len(radios))
-    return SurfaceResponse(radios * len(carriers_hz), permittivity.T.ravel(), carriers), by_carrier
+    has_layers = any(radios[index].layers for index in used)
+    return MaterialTable(planes, by_carrier, has_layers, SPEED_OF_LIGHT / np.array(carriers_hz) / (4.0 * np.pi))

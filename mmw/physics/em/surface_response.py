@@ -16,7 +16,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.host_kernels import run_on_host
 from mmw.core.remember import remembered
+from mmw.kernels.channel.plane_response import mirror_share_kernel
 from mmw.physics.em.fresnel import reflection, transmission
 from mmw.physics.em.layered import StackCoefficients, StackLayer, stack_coefficients
 from mmw.physics.materials.material import RadioMaterial
@@ -34,10 +36,13 @@ class SurfaceResponse:
 
     def __init__(self, radios: Sequence[RadioMaterial], permittivity: np.ndarray, carrier_hz: float | np.ndarray):
         """Prepare the arrays; stacks of layers are made where they are asked for."""
-        self._radios, self._permittivity = tuple(radios), permittivity
+        self._radios, self.permittivity = tuple(radios), permittivity
         self._carrier_hz = np.full(len(permittivity), carrier_hz, dtype=np.float64)
         numbers, self._layered = _radio_numbers(self._radios)
         self._thickness, self._scattering, self._rms_height = numbers
+        self.has_layers = np.zeros(len(self._radios), dtype=bool)
+        """Whether a material has layers in front of its substance, shape [M]."""
+        self.has_layers[self._layered] = True
 
     def reflection(self, material: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the reflection coefficients TE and TM of a smooth surface, for e^{+jwt}, shape of `material` each.
@@ -60,26 +65,22 @@ class SurfaceResponse:
 
     def _slabs(self, material: np.ndarray, cosine: np.ndarray) -> tuple[np.ndarray, ...]:
         """Return the arguments of `mmw.physics.em.fresnel`."""
-        return self._permittivity[material], cosine, self._thickness[material], self._carrier_hz[material]
+        return self.permittivity[material], cosine, self._thickness[material], self._carrier_hz[material]
 
     def specular_share(self, material: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """Return the share of the reflected amplitude that a mirror keeps, shape of `material`."""
-        smooth = np.sqrt(1.0 - self._scattering[material] ** 2)
-        if not self._rms_height.any():
-            return smooth
-        return smooth * self._coherence(material, cosine)
+        wave_number = 2.0 * np.pi / SPEED_OF_LIGHT * self._carrier_hz[material]
+        given = self._scattering[material], self._rms_height[material], cosine, wave_number
+        shape = (len(material),)
+        return run_on_host(mirror_share_kernel, shape, given, (), (shape,))[0]
 
     def diffuse_share(self, material: np.ndarray, cosine: np.ndarray) -> np.ndarray:
         """Return the share S_eff of the reflected amplitude that is scattered, shape of `material`."""
         scattering, height = self._scattering[material], self._rms_height[material]
         if not height.any():
             return scattering
-        kept = (1.0 - scattering**2) * self._coherence(material, cosine) ** 2
+        kept = self.specular_share(material, cosine) ** 2
         return np.where(height > 0.0, np.sqrt(1.0 - kept), scattering)
-
-    def _coherence(self, material: np.ndarray, cosine: np.ndarray) -> np.ndarray:
-        phase = np.pi * self._rms_height[material] * cosine * self._carrier_hz[material] / SPEED_OF_LIGHT
-        return np.exp(-8.0 * phase**2)
 
     def _stacks(self, material: np.ndarray, cosine: np.ndarray) -> list[tuple[np.ndarray, StackCoefficients]]:
         """Return rows and coefficients of each layered material among some."""
@@ -88,7 +89,7 @@ class SurfaceResponse:
             rows = np.nonzero(material == index)[0]
             if len(rows):
                 carrier = float(self._carrier_hz[index])
-                layers = radio_stack(self._radios[index], complex(self._permittivity[index]), carrier)
+                layers = radio_stack(self._radios[index], complex(self.permittivity[index]), carrier)
                 found.append((rows, stack_coefficients(layers, cosine[rows], carrier)))
         return found
 

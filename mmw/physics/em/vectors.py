@@ -52,3 +52,8 @@ def spherical_basis(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.
     """Return the unit vectors of growing zenith and growing azimuth, shape [...] -> [..., 3] each."""
     sin_t, cos_t, sin_p, cos_p = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
     return stacked(cos_t * cos_p, cos_t * sin_p, -sin_t), stacked(-sin_p, cos_p, 0.0)
+
+
+def times(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the products of 2x2 matrices, shape [..., 2, 2] each, written out so that rows do not depend on others."""
+    return a[..., :, 0, None] * b[..., None, 0, :] + a[..., :, 1, None] * b[..., None, 1, :]

@@ -7,8 +7,9 @@ import pytest
 
 from mmw.channel import PatternTable, PlanarArray, apply_arrays, register_pattern
 from mmw.channel.antennas.patterns import PATTERNS, antenna_field, pattern_components, tr38901
-from mmw.physics.em.vectors import unit_vector
+from mmw.physics.em.vectors import direction_angles, unit_vector
 from tests.fixtures.path_tables import CARRIER, random_turns, sight
+from tests.oracles import path_fields
 
 
 def directions(count: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -224,3 +225,48 @@ def test_unknown_names_list_those_of_mmw_and_of_users() -> None:
     register_pattern("mine", own_dipole)
     with pytest.raises(ValueError, match="'other'; one of iso, dipole, hw_dipole, tr38901, mine, a table or"):
         PlanarArray(pattern="other")
+
+
+@pytest.mark.parametrize("model", ["tr38901_1", "tr38901_2"])
+@pytest.mark.parametrize("has_phase", [False, True])
+def test_fields_of_turned_antennas_against_numpy(model: str, has_phase: bool) -> None:
+    """The same sums of products in float64 as the kernels': they differ by some units of the last place."""
+    rng = np.random.default_rng(8)
+    away, turns = unit_vector(*directions(80)), random_turns(rng, 80)
+    away[0], turns[0] = [0.0, 0.0, 1.0], np.eye(3)
+    phase = 1j if has_phase else 1.0
+
+    def pattern(theta: np.ndarray, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return 1.0 + np.sin(theta) * np.cos(phi), phase * np.cos(theta)
+
+    local = np.einsum("pij,pi->pj", turns, away)
+    amplitude = np.stack(pattern(*direction_angles(local)), axis=1)
+    slants = (0.3, -1.2, np.pi / 2)
+    expected = path_fields.antenna_field(away, turns, amplitude, slants, model)
+    found = antenna_field(away, turns, pattern, slants, model)
+    assert np.iscomplexobj(found) is has_phase
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
+
+
+def test_patterns_of_mmw_against_numpy() -> None:
+    """The same formulas in float64; amplitudes are of size 1."""
+    theta, phi = directions(200)
+    theta[:4], phi[:4] = [0.0, np.pi, np.pi / 2, 1e-10], [0.0, 1.0, -np.pi, np.pi]
+    beam, sine = np.radians(65.0), np.sin(theta)
+    loss = [np.minimum(12.0 * (angle / beam) ** 2, 30.0) for angle in (theta - np.pi / 2, phi)]
+    half_wave = np.where(np.abs(sine) < 1e-9, 0.0, np.cos(np.pi / 2 * np.cos(theta)) / np.maximum(sine, 1e-9))
+    expected = {
+        "iso": np.ones(200),
+        "dipole": np.sqrt(1.5) * np.abs(sine),
+        "hw_dipole": np.sqrt(1.643) * np.abs(half_wave),
+        "tr38901": 10.0 ** ((8.0 - np.minimum(sum(loss), 30.0)) / 20.0),
+    }
+    turns = random_turns(np.random.default_rng(1), 200)
+    away = np.einsum("pij,pj->pi", turns, unit_vector(theta, phi))
+    for name, values in expected.items():
+        found, across = pattern_components(name, theta, phi)
+        np.testing.assert_allclose(found, values, rtol=0.0, atol=1e-12)
+        assert (across == 0.0).all()
+        named, own = (antenna_field(away, turns, pattern, (0.4, 2.0)) for pattern in (name, PATTERNS[name]))
+        np.testing.assert_array_equal(named, own)  # in one kernel or in two
+    assert tr38901(np.full((2, 3), 1.0), 0.5).shape == (2, 3) and float(PATTERNS["dipole"](np.pi / 2, 0.0)) > 1.2

@@ -1,12 +1,16 @@
 """Names of paths over frames in which their points move on, and other paths come and go."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
+import warp as wp
 
+from mmw.channel.path_solver.path_names import path_names
 from mmw.channel.paths import PathSet
 from mmw.core.planar_surfaces import find_surfaces
-from mmw.physics.em.interaction import SPECULAR, TRANSMISSION
+from mmw.kernels.channel.path_names import NamedSurfaces
+from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.physics.materials.material import RadioMaterial
 from mmw.scene.scene_data import Prototype
 from tests.fixtures.scenes import arrays_from_parts, pose, quad_part
@@ -76,3 +80,43 @@ def test_a_path_keeps_its_name_from_pane_to_pane(device: str) -> None:
     own = np.flatnonzero(paths.interaction[:, 0] == TRANSMISSION)
     assert paths.link[own].tolist() == [0, 1, 2, 3] and len(np.unique(paths.surface[own, 0])) == 2
     assert len(np.unique(paths.path_id[own])) == 1
+
+
+def test_names_are_hashes_of_all_words_in_order() -> None:
+    """SplitMix64's finaliser in Python's own integers; what is behind the last interaction does not count."""
+
+    def mixed(value: int, word: int) -> int:
+        z = ((value ^ (word % 2**64)) + 0x9E3779B97F4A7C15) % 2**64
+        z = ((z ^ (z >> 30)) * 0xBF58476D1CE4E5B9) % 2**64
+        z = ((z ^ (z >> 27)) * 0x94D049BB133111EB) % 2**64
+        return z ^ (z >> 31)
+
+    rng = np.random.default_rng(4)
+    names = {name: rng.integers(0, 2**31 - 1, 9) for name in ("wall", "object_id", "line")}
+    names["face"] = rng.integers(0, 9, 9)
+    surfaces = NamedSurfaces()
+    for name, values in names.items():
+        setattr(surfaces, name, wp.array(values, dtype=wp.int32, device="cpu"))
+    ends, link = rng.integers(0, 2**40, (2, 5)), rng.integers(0, 5, 30)
+    kind = np.where(np.arange(3) < rng.integers(0, 4, 30)[:, None], rng.choice([1, 2, 4, 8], (30, 3)), 0)
+    surface, ray = np.where(kind == 0, -1, rng.integers(0, 9, (30, 3))), rng.integers(-9, 9, 30)
+    links, table = SimpleNamespace(tx_number=ends[0], rx_number=ends[1]), SimpleNamespace(names_on_host=surfaces)
+    found = path_names(links, link, kind, surface, ray, table, np.arange(30.0))
+    columns, ranks = {SPECULAR: "wall", TRANSMISSION: "object_id", DIFFRACTION: "line"}, [0, 1, 4, 2, 8]
+    ids: list[int] = []
+    expected = []
+    for path in range(30):
+        value = mixed(mixed(0, int(ends[0, link[path]])), int(ends[1, link[path]]))
+        for step in np.flatnonzero(kind[path]):
+            code, own = int(kind[path, step]), surface[path, step]
+            value = mixed(mixed(value, code), int(ray[path] if code == DIFFUSE else names[columns[code]][own]))
+            face = names["face"][own] if code == DIFFRACTION else own
+            assert found.object_id[path, step] == names["object_id"][face]
+        number = ids.count(value >> 1)  # lines of sight of one link have one name, and are numbered
+        expected.append(mixed(value >> 1, number) >> 1 if number else value >> 1)
+        ids.append(value >> 1)
+    assert found.path_id.dtype == np.int64 and found.path_id.tolist() == expected and len(set(ids)) < 30
+    assert found.kind.dtype == np.int8
+    assert (found.object_id[kind == 0] == -1).all()
+    highest = [max((ranks.index(code) for code in row if code), default=0) for row in kind.tolist()]
+    assert found.kind.tolist() == highest
