@@ -1,5 +1,8 @@
 """Launch rays: the sequences of planes that they hit are the path candidates of the image method.
 
+Transmitters that stay where they are keep what their rays hit of the town, which does not change: such a ray is tested
+against vehicles alone until it hits one.
+
 Coplanar surfaces have one image, so a ray that hits one of them counts for all. A candidate is a node of a tree: its
 last plane and its parent, the candidate before. The first level is a table of bytes, one for each transmitter and
 plane; deeper nodes are in a hash table keyed by (level, plane, parent), so that equal candidates are one node and
@@ -11,8 +14,14 @@ import warp as wp
 from mmw.kernels.channel.candidate_list import FULL
 from mmw.kernels.core.compiler import FINITE
 from mmw.kernels.core.geometry import fibonacci_direction
-from mmw.kernels.core.structs import MISS_ID, Scene
-from mmw.kernels.core.trace import TRACE_REGISTERS, closest_hit_raw, surface_of, world_normal
+from mmw.kernels.core.structs import MISS_ID, RawHit, Scene
+from mmw.kernels.core.trace import (
+    TRACE_REGISTERS,
+    nearest_in_town,
+    nearest_with_instances,
+    surface_of,
+    world_normal,
+)
 
 wp.set_module_options(
     {"enable_backward": False, "default_grid_stride": False, "fast_math": False, "cpu_compiler_flags": FINITE}
@@ -26,6 +35,21 @@ PROBES = wp.constant(256)
 """Cells that are tried for a node before the table counts as full."""
 BOUNCE_LIFT = wp.constant(wp.float32(4e-6))
 """A ray goes on at this times (5 m + largest coordinate) off the surface that it hit."""
+
+
+@wp.struct
+class TownHits:
+    """Hits of rays that have met nothing but the town so far, of transmitters that stay where they are."""
+
+    row: wp.array[int]
+    """Row of each transmitter, -1 for one whose rays are not known; no entries if none are, shape [A] or [0]."""
+    face: wp.array3d[int]
+    """Face of the town that the thread's ray hits next, after none, one, ... reflections; -1 for a miss, shape
+    [C, D, T]."""
+    t: wp.array3d[float]
+    """Distance of that hit [m], inf for a miss, shape [C, D, T]."""
+    is_filled: wp.bool
+    """False while a launch fills the rows, which looks for the town alone and stores no candidates."""
 
 
 @wp.func
@@ -75,6 +99,8 @@ def launch_kernel(
     row_count: int,
     depth: int,
     passes: int,
+    # scratch
+    town: TownHits,
     # out
     is_hit_out: wp.array2d[wp.uint8],
     keys_out: wp.array[wp.uint64],
@@ -84,7 +110,8 @@ def launch_kernel(
 
     Bit k of `passes` lets the ray go through the k-th surface that it hits instead of off it. All writers of a
     byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
-    neighbors on the sphere: threads take them one after the other, so that a block's rays stay together.
+    neighbors on the sphere: threads take them one after the other, so that a block's rays stay together. Hits in `town`
+    are those of reflections, `passes` 0; a launch that fills them has a row for each transmitter.
 
     Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a frame and actor, and row_count * stride at
     least the number of rays. `is_hit_out` starts as zeros, shape [A, K], as do `keys_out` and `counts_out`,
@@ -99,15 +126,35 @@ def launch_kernel(
     parent = wp.int32(-1)
     level = wp.int32(1)
     hit_count = wp.int32(0)
+    row = wp.int32(-1)
+    is_filling = wp.bool(False)
+    if town.row.shape[0] > 0:
+        row = town.row[source]
+        is_filling = not town.is_filled
     while hit_count < depth:
-        near = closest_hit_raw(scene, batch_index[source], position, direction, wp.inf, MISS_ID)
+        near = RawHit()
+        near.instance = MISS_ID
+        if row >= 0 and not is_filling:
+            near.face = town.face[row, hit_count, thread]
+            near.t = town.t[row, hit_count, thread]
+        else:
+            near = nearest_in_town(scene, position, direction, wp.inf)
+        if is_filling:
+            town.face[row, hit_count, thread] = near.face
+            town.t[row, hit_count, thread] = near.t
+        else:
+            near = nearest_with_instances(scene, batch_index[source], position, direction, near)
+            if near.instance >= 0:
+                row = wp.int32(-1)
         if near.face < 0:
             hit_count = depth
         else:
             surface = surface_of(scene, near)
             own = plane[surface]
             code = source * is_hit_out.shape[1] + own
-            if level == 1:
+            if is_filling:
+                code = wp.int32(0)
+            elif level == 1:
                 is_hit_out[source, own] = wp.uint8(1)
             else:
                 cell = insert_candidate(keys_out, parent, own, level)

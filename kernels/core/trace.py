@@ -210,16 +210,17 @@ def hit_of(scene: Scene, near: RawHit) -> Hit:
     return hit
 
 
-def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function]:
-    """Return the casts of a ray without ids and with them; instances are at their frame, or move until the ray."""
+def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Return the search of a ray among instances and the casts without ids and with them; instances are at their
+    frame, or move until the ray."""
 
     @wp.func
-    def cast_raw(
-        scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int,
+    def among_instances(
+        scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, found: RawHit, ignore: int,
         time_offset: float,
     ) -> RawHit:  # fmt: skip
-        """Return what the ray hits first, without ids."""
-        near = nearest_in_town(scene, origin, direction, t_max)
+        """Return what the ray hits first of the instances and what was found of the town."""
+        near = found
         root = scene.group_root[batch_index]
         if root >= 0:  # -1 would search every frame's vehicles
             first = batch_index * scene.instance_count
@@ -233,6 +234,16 @@ def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function]:
                     else:
                         pose = scene.instance_pose[batch_index, instance]
                     near = nearer_body(scene, instance, pose, origin, direction, near)
+        return near
+
+    @wp.func
+    def cast_raw(
+        scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int,
+        time_offset: float,
+    ) -> RawHit:  # fmt: skip
+        """Return what the ray hits first, without ids."""
+        town = nearest_in_town(scene, origin, direction, t_max)
+        near = among_instances(scene, batch_index, origin, direction, town, ignore, time_offset)
         if near.face < 0:
             near.t = wp.inf
         return near
@@ -253,11 +264,17 @@ def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function]:
         hit.normal = wp.where(wp.dot(hit.normal, direction) > 0.0, -hit.normal, hit.normal)
         return hit
 
-    return cast_raw, cast
+    return among_instances, cast_raw, cast
 
 
-_cast_raw, _cast = _make_cast(is_moving=False)
-_, _cast_moving = _make_cast(is_moving=True)
+_among_instances, _cast_raw, _cast = _make_cast(is_moving=False)
+_, _, _cast_moving = _make_cast(is_moving=True)
+
+
+@wp.func
+def nearest_with_instances(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, town: RawHit) -> RawHit:
+    """Return what the ray hits first, given what it hits of the town, as `nearest_in_town` has it for the whole ray."""
+    return _among_instances(scene, batch_index, origin, direction, town, MISS_ID, 0.0)
 
 
 @wp.func

@@ -7,7 +7,7 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.candidate_output import Candidates
-from mmw.channel.path_solver.candidates import cells_name, grow_cells
+from mmw.channel.path_solver.candidates import cells_name, grow_cells, prepare_town_hits
 from mmw.channel.path_solver.search import Search, vector
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.core.device import thread_spread
@@ -57,6 +57,7 @@ def find_listed(
             numbers of links of each transmitter, by `Search.launch` alone: it is recorded.
     """
     table, depth, links = search.table, max(1, search.config.max_depth), len(search.links)
+    town = prepare_town_hits(search) if is_wanted else ()
     while True:
         room = padded_count(_room(search, "candidates")) if is_wanted else 0
         most = min(sights + room, sights + _room(search, "paths"))
@@ -74,7 +75,7 @@ def find_listed(
                 out.queue_download()
             return out, others
 
-        key = (*_record_key(search), room, most) if is_recordable else None
+        key = (*_record_key(search), room, most, town) if is_recordable else None
         out, others = search.run(key, launch)
         counts, *columns = out.download(is_queued=is_recordable)
         is_wanted |= bool(counts[LISTED])

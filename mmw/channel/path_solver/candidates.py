@@ -1,6 +1,6 @@
 """Find path candidates, sequences of planes that could carry a path of a link, by launched rays or exhaustively."""
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from functools import cache
 from typing import Any
 
@@ -8,10 +8,11 @@ import numpy as np
 import warp as wp
 
 from mmw.channel.path_solver.search import Search, Sources
+from mmw.channel.path_solver.town_hits import MAX_SOURCES, MIN_RAYS, KeptHits
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.kernels.channel.candidate_list import COUNTS, FULL
-from mmw.kernels.channel.ray_launch import PLANE_BITS, launch_kernel
+from mmw.kernels.channel.ray_launch import PLANE_BITS, TownHits, launch_kernel
 from mmw.kernels.channel.reflection_candidates import CandidateTree
 
 PAIRS_AT_ONCE = 2**27
@@ -85,7 +86,7 @@ def _first_planes_and_tree(
     search: Search, sources: Sources, counts: wp.array | None
 ) -> "tuple[wp.array, CandidateTree | None]":
     """Return the first planes, one byte each, shape [A, K] or [0, 0] for all, and longer candidates, if wanted."""
-    scene, table, config = search.scene, search.table, search.config
+    scene, config = search.scene, search.config
     if config.candidates == "exhaustive":
         is_hit = no_values(scene.device, 2, wp.uint8)
         if config.max_depth == 1:
@@ -94,7 +95,7 @@ def _first_planes_and_tree(
         return is_hit, _tree(search, sources, keys.shape[0], keys) if keys.shape[0] else None
     if config.max_depth == 1:
         return launch_rays(search, sources, config.samples_per_tx, counts=counts)[0], None
-    patterns = range(2 ** (config.max_depth - 1)) if config.refraction and table.is_slab.any() else range(1)
+    patterns = range(_pattern_count(search))
     max_cells = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
     while True:
         cells = 1 << (_cells(search) * len(sources) - 1).bit_length()
@@ -132,11 +133,48 @@ def _all_keys(search: Search, sources: int) -> wp.array:
     return wp.array(values, dtype=wp.uint64, device=search.scene.device)
 
 
+def _pattern_count(search: Search) -> int:
+    """Return how many ways there are for a ray to go through its surfaces or off them, one launch each."""
+    config = search.config
+    return 2 ** (config.max_depth - 1) if config.refraction and search.table.is_slab.any() else 1
+
+
+def prepare_town_hits(search: Search) -> Hashable:
+    """Launch the rays of transmitters that rest against the town, if their hits are not kept yet.
+
+    Returns:
+        What tells the arguments of the next `launch_rays` apart.
+    """
+    kept = _kept_hits(search, search.config.samples_per_tx, search.config.max_depth)
+    if kept is None:
+        return ()
+
+    def fill(origins: np.ndarray, hits: TownHits) -> None:
+        device = search.scene.device
+        begin = wp.zeros(len(origins), dtype=wp.int32, device=device), wp.array(origins, dtype=wp.vec3, device=device)
+        out = [no_values(device, 2, wp.uint8), no_values(device, 1, wp.uint64), no_values(device, 1, wp.int32)]
+        _launch(search, len(origins), begin, (search.config.samples_per_tx, kept.depth, 0), hits, out)
+
+    return kept.key(kept.prepare(search.sources.origin, fill))
+
+
+def _kept_hits(search: Search, rays: int, depth: int) -> KeptHits | None:
+    """Return the kept hits of the town, None where none are kept."""
+    config, kept = search.config, search.table.town_hits
+    if config.candidates == "exhaustive" or rays < MIN_RAYS or depth < 1 or len(search.sources) > MAX_SOURCES:
+        return None
+    if _pattern_count(search) > 1:
+        return None
+    if (rays, depth) not in kept:
+        stride = neighbor_stride(rays)
+        kept[rays, depth] = KeptHits(search.scene.device, -(-rays // stride) * stride, depth)
+    return kept[rays, depth]
+
+
 def _cells(search: Search) -> int:
     """Return the cells of the table of candidates for each transmitter."""
     config, table = search.config, search.table
-    patterns = 2 ** (config.max_depth - 1) if config.refraction and table.is_slab.any() else 1
-    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * patterns  # half full at worst
+    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * _pattern_count(search)  # half full at worst
     first = min(FIRST_CELLS << 3 * (config.max_depth - 2), max_candidates)
     return table.sizes.get(cells_name(search), first)
 
@@ -181,8 +219,7 @@ def launch_rays(
         Planes that are hit first, one byte each, shape [A, K]; and the counts, which tell whether some candidate found
         no cell.
     """
-    table, device, stride = search.table, search.scene.device, neighbor_stride(rays)
-    row_count = -(-rays // stride)
+    table, device = search.table, search.scene.device
     is_hit = search.scratch((len(sources), table.plane_count), wp.uint8)
     is_hit.zero_()
     if keys is None:
@@ -192,25 +229,34 @@ def launch_rays(
     if counts is None:
         counts = search.scratch((COUNTS,), wp.int32)
         counts.zero_()
-    batch_indices, origins, _, _ = sources.device
+    kept = _kept_hits(search, rays, depth)
+    rows = () if kept is None else kept.rows([place.tobytes() for place in sources.origin])
+    hits = _no_hits() if kept is None or not rows else kept.hits(rows)
     for passes in patterns:
-        arguments = [
-            table.scene_struct(search.scene),
-            batch_indices,
-            origins,
-            table.device.plane,
-            table.device.is_slab,
-            rays,
-            stride,
-            row_count,
-            depth,
-            passes,
-            is_hit,
-            keys,
-            counts,
-        ]
-        search.launch(launch_kernel, (len(sources), row_count * stride), arguments, block_dim=64)
+        _launch(search, len(sources), sources.device[:2], (rays, depth, passes), hits, [is_hit, keys, counts])
     return is_hit, counts
+
+
+def _launch(
+    search: Search,
+    sources: int,
+    begin: tuple[wp.array, ...],
+    ways: tuple[int, int, int],
+    hits: TownHits,
+    out: list[wp.array],
+) -> None:
+    """Launch rays from batch indices and origins `begin`; `ways` are their number, depth and pattern."""
+    table, (rays, depth, passes) = search.table, ways
+    stride = neighbor_stride(rays)
+    row_count = -(-rays // stride)
+    inputs = [table.scene_struct(search.scene), *begin, table.device.plane, table.device.is_slab]
+    arguments = [*inputs, rays, stride, row_count, depth, passes, hits, *out]
+    search.launch(launch_kernel, (sources, row_count * stride), arguments, block_dim=64)
+
+
+@cache
+def _no_hits() -> TownHits:
+    return TownHits()
 
 
 @cache

@@ -46,6 +46,8 @@ class Sources:
     """Position of each source's frame in the batch, shape [A], int32."""
     position: np.ndarray
     """World frame [m], shape [A, 3]."""
+    origin: np.ndarray
+    """Start of its rays, scene frame [m], shape [A, 3], float32."""
     first_link: np.ndarray
     """First link of each source, and the number of links, shape [A + 1], int32."""
     device: tuple[wp.array, ...]
@@ -63,6 +65,7 @@ class Sources:
         return Sources(
             self.batch_index[begin:end],
             self.position[begin:end],
+            self.origin[begin:end],
             self.first_link[begin : end + 1],
             tuple(array[begin:stop] for array, stop in zip(self.device, ends, strict=True)),
         )
@@ -268,10 +271,16 @@ class Search:
         launch_again(order_links_kernel, (1,), arguments, "cpu")
         *_, order, sources = given.host
         number = int(sources[0])
-        *_, batch_index, _, position, first_link, host_pose = links.host
+        *_, batch_index, origin, position, first_link, host_pose = links.host
         return SortedLinks(
             order,
-            Sources(batch_index[:number], position[:number], first_link[: number + 1], tuple(links.arrays[4:8])),
+            Sources(
+                batch_index[:number],
+                position[:number],
+                origin[:number],
+                first_link[: number + 1],
+                tuple(links.arrays[4:8]),
+            ),
             links.struct(LinkEnds, *LinkEnds.vars, *5 * (None,)),
             host_pose,
             links.arrays[-1],

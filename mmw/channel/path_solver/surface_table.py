@@ -13,6 +13,7 @@ from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_we
 from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
 from mmw.channel.path_solver.surface_blocks import member_blocks, triangle_blocks
+from mmw.channel.path_solver.town_hits import KeptHits
 from mmw.channel.path_solver.workspace import Workspace
 from mmw.core.host_kernels import HOST
 from mmw.core.planar_surfaces import linked_rows
@@ -70,6 +71,8 @@ class SurfaceTable:
     """Sizes of the candidate tables that were enough so far, so that the next batch starts with them."""
     scratch: dict[tuple[tuple[int, ...], Any], list[wp.array]] = field(default_factory=dict)
     """Arrays on the device that no search uses, by shape and type; see `Search.scratch`."""
+    town_hits: dict[tuple[int, int], KeptHits] = field(default_factory=dict)
+    """Kept hits of the town, by number of rays and depth."""
     workspaces: dict[tuple[int, tuple[int, int]], list[Workspace]] = field(default_factory=dict)
     """Memory and records of searches by number of links and shape of poses, which no search uses."""
     of_carriers: dict[tuple[float, ...], Outlines] = field(default_factory=dict)

@@ -1,7 +1,5 @@
 """Candidates that the device lists: too little room is noticed, and nothing is lost."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 import warp as wp
@@ -12,10 +10,10 @@ from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.path_solver.workspace import MAX_KEPT_LINKS
-from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
 from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
+from tests.fixtures.path_sets import assert_same_paths
 from tests.oracles.channel import driving, traffic
 
 
@@ -81,7 +79,8 @@ def test_recorded_launches_find_what_direct_ones_find(
         links = make_links(data, frames, config)
         before = len(replayed)
         found = solve_paths(scene, links, config, data.materials, table)
-        assert len(replayed) - before == (frame > 1), "the first launches of a shape are direct ones"
+        first = 2 if "samples_per_tx" in settings else 1  # hits of the town are known from the second launch on
+        assert len(replayed) - before == (frame > first), "the first launches of a shape are direct ones"
         wanted = solve_paths(scene, links, config, data.materials, make_surface_table(scene))
         assert_same_paths(found, wanted)
         assert len(found) >= len(links)
@@ -122,13 +121,3 @@ def test_workspaces_are_for_few_links(device: str) -> None:
     one.release()
     other.release()
     assert Search(scene, few, config, table).pose.ptr in pointers
-
-
-def assert_same_paths(one: PathSet, other: PathSet) -> None:
-    """Check that all columns of paths are equal."""
-    for field in fields(one):
-        values, wanted = getattr(one, field.name), getattr(other, field.name)
-        if isinstance(values, np.ndarray):
-            np.testing.assert_array_equal(values, wanted, err_msg=field.name)
-    for weather, transfer in one.transfer.items():
-        np.testing.assert_array_equal(transfer, other.transfer[weather])
