@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence, Set
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 import warp as wp
@@ -19,6 +19,9 @@ MIN_RAYS = 1 << 12
 
 MAX_SOURCES = 1 << 12
 """Most transmitters of a search whose places are compared. Design value."""
+
+MAX_ROWS = 256
+"""Most combinations of rows that are kept on the device. Design value."""
 
 Rows = tuple[int, ...]
 """Row of the kept hits of each transmitter, -1 for one without; empty if none has any."""
@@ -42,6 +45,10 @@ class KeptHits:
     _last: frozenset[bytes] = frozenset()
     """Places of the search before."""
     _capacity: int = 0
+    _on_device: dict[Rows, wp.array] = field(default_factory=dict)
+    """Rows that were asked for, on the device."""
+    _version: int = 0
+    """Number of times that arrays were replaced, which records of launches must not outlive."""
 
     @cached_property
     def _most(self) -> int:
@@ -56,6 +63,9 @@ class KeptHits:
             fill: Launches the rays from some origins, shape [n, 3], on hits with a row for each.
         """
         places = [place.tobytes() for place in origins]
+        if len(self._on_device) > MAX_ROWS:
+            self._on_device.clear()
+            self._version += 1
         known, here = self._row, Counter(places)
         new = [place for place, count in here.items() if place not in known and (count > 1 or place in self._last)]
         self._last = frozenset(here)
@@ -79,11 +89,13 @@ class KeptHits:
 
     def key(self, rows: Rows) -> Hashable:
         """Return what tells apart the arguments for rows."""
-        return (rows, self._face.ptr) if rows else ()
+        return (rows, self._version) if rows else ()
 
     def _hits(self, rows: Rows, is_filled: bool) -> TownHits:
         hits = TownHits()
-        hits.row = _rows_on_device(self.device, rows)
+        if rows not in self._on_device:
+            self._on_device[rows] = wp.array(rows, dtype=wp.int32, device=self.device)
+        hits.row = self._on_device[rows]
         hits.face, hits.t, hits.is_filled = self._face, self._t, is_filled
         return hits
 
@@ -101,8 +113,4 @@ class KeptHits:
                 wp.copy(face[: self._capacity], self._face)
                 wp.copy(t[: self._capacity], self._t)
             self._face, self._t, self._capacity = face, t, needed
-
-
-@lru_cache(maxsize=64)
-def _rows_on_device(device: str, rows: Rows) -> wp.array:
-    return wp.array(rows, dtype=wp.int32, device=device)
+            self._version += 1

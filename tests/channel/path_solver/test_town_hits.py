@@ -101,6 +101,17 @@ def test_rows_are_filled_for_what_rests() -> None:
     assert kept.key(()) == () and kept.key((0, 1)) != kept.key((1, 0))
 
 
+def test_arrays_that_are_replaced_change_the_key(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records of launches hold no arrays: they must not be replayed on those that are gone."""
+    monkeypatch.setattr(town_hits, "MAX_ROWS", 2)
+    kept, fill, keys = KeptHits("cpu", threads=8, depth=1), Filled(), []
+    for places in (place(1, 1), place(2, 2), place(1, 2), place(1, 2), place(1, 2)):
+        rows = kept.prepare(places, fill)
+        kept.hits(rows)
+        keys.append(kept.key(rows))
+    assert len(set(keys[:3])) == 3 and len(set(keys[3:])) == 1
+
+
 def test_places_that_are_left_give_way(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(town_hits, "KEPT_BYTES", {"cpu": 2 * 8 * 8 * 2 + 1})
     kept, fill = KeptHits("cpu", threads=8, depth=2), Filled()
