@@ -48,5 +48,5 @@ def test_blocks_change_no_bit(options: dict, in_order: bool, device: str, monkey
 def test_few_links_are_not_in_blocks() -> None:
     """Blocks cost a pass over all receivers: they begin where a source has many."""
     first = np.array([0, 3, 3 + link_blocks.MANY_LINKS - 1], dtype=np.int32)
-    sources = Sources(np.zeros(2, dtype=np.int32), np.zeros((2, 3)), first, ())
+    sources = Sources(np.zeros(2, dtype=np.int32), np.zeros((2, 3)), np.zeros((2, 3), dtype=np.float32), first, ())
     assert link_blocks.make_link_blocks(None, sources) is None  # pyright: ignore[reportArgumentType]
