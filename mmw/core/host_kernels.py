@@ -36,7 +36,7 @@ def run_on_host(
     plan = _plan(kernel, tuple([values.shape for values in inputs]), outputs)
     try:
         block = plan.free.pop()
-    except IndexError:
+    except IndexError:  # all are in use, maybe since a moment ago by another thread
         block = _Block(plan)
     for view, values in zip(block.inputs, inputs, strict=True):
         view[: len(values)] = values

@@ -89,7 +89,7 @@ class NewArrays:
         """Return a block of bytes, arrays that share it, and what finds them in a copy of it on the host."""
         return self._take(("packed", *layouts), lambda: packed_block(self.device, layouts))
 
-    def host_twin(self, block: wp.array) -> wp.array | None:
+    def pinned_copy(self, block: wp.array) -> wp.array | None:
         """Return memory of the host that launches may copy a block to; None where the host fetches it."""
         return None
 
@@ -111,7 +111,7 @@ class GatheredArrays:
 
     Attributes:
         block: The block on the device.
-        twin: Page-locked memory on the host to which the launches copy the block; None where they do not.
+        pinned: Page-locked memory on the host to which the launches copy the block; None where they do not.
         source: Source of the arrays.
     """
 
@@ -123,9 +123,9 @@ class GatheredArrays:
         for part, place in zip(parts, places, strict=True):
             if part.size:
                 wp.copy(place, part)
-        self.twin = arrays.host_twin(self.block)
-        if self.twin is not None:
-            wp.copy(self.twin, self.block)
+        self.pinned = arrays.pinned_copy(self.block)
+        if self.pinned is not None:
+            wp.copy(self.pinned, self.block)
 
     def on_host(self, block: np.ndarray) -> list[np.ndarray]:
         """Return the arrays as parts of the block on the host."""
@@ -155,12 +155,12 @@ class KeptArrays(NewArrays):
         """Memory of all arrays [bytes]."""
         return sum(_bytes(value) for _, value in self._kept)
 
-    def host_twin(self, block: wp.array) -> wp.array | None:
-        """See `NewArrays.host_twin`; a GPU copies small results itself, so that the host only waits."""
+    def pinned_copy(self, block: wp.array) -> wp.array | None:
+        """See `NewArrays.pinned_copy`; a GPU copies small results itself, so that the host only waits."""
         if not wp.get_device(self.device).is_cuda:
             return None
         shape, kind = block.shape, block.dtype
-        return self._take(("twin", shape, kind), lambda: wp.empty(shape, dtype=kind, device="cpu", pinned=True))
+        return self._take(("pinned", shape, kind), lambda: wp.empty(shape, dtype=kind, device="cpu", pinned=True))
 
     def _take(self, what: Hashable, make: Callable[[], T]) -> T:
         if self._next == len(self._kept):
@@ -334,11 +334,11 @@ class RecordedWork(Work):
 
     def gathered(self, gathered: GatheredArrays) -> list[np.ndarray]:
         """See `Work.gathered`."""
-        if gathered.twin is None:
+        if gathered.pinned is None:
             return super().gathered(gathered)
         assert isinstance(gathered.source, KeptArrays) and gathered.source.done is not None
         wp.synchronize_event(gathered.source.done)
-        return gathered.on_host(gathered.twin.numpy().copy())
+        return gathered.on_host(gathered.pinned.numpy().copy())
 
     def forget(self, key: Hashable, inputs: Sequence[Input]) -> None:
         """See `Work.forget`."""
