@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
+from mmw.core.packed_arrays import Layout, PackedArrays, padded_count, take_free
 from mmw.core.repeated_launch import launch_again
 
 HOST = "cpu"
@@ -34,10 +34,7 @@ def run_on_host(
         outputs: Shape of each output, without the axes of its elements.
     """
     plan = _plan(kernel, tuple([values.shape for values in inputs]), outputs)
-    try:
-        block = plan.free.pop()
-    except IndexError:  # all are in use, maybe since a moment ago by another thread
-        block = _Block(plan)
+    block = take_free(plan.free) or _Block(plan)
     for view, values in zip(block.inputs, inputs, strict=True):
         view[: len(values)] = values
     launch_again(kernel, dim, [*block.before, *others, *block.behind], HOST)

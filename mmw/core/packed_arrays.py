@@ -4,12 +4,14 @@ import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import warp as wp
 
 from mmw.core.transfer import scalar_type, to_host
+
+T = TypeVar("T")
 
 ALIGNMENT = 64
 """Start of each array in its block is a multiple of this [bytes]: no array shares a cache line with another."""
@@ -141,7 +143,15 @@ def borrow_arrays(device: str, *layouts: Layout, is_scratch: bool = False) -> Pa
         is_scratch: Whether the host never sees them.
     """
     free = _free.get((device, layouts, is_scratch))
-    return free.pop() if free else PackedArrays(device, layouts, is_scratch)
+    return (None if free is None else take_free(free)) or PackedArrays(device, layouts, is_scratch)
+
+
+def take_free(free: deque[T]) -> T | None:
+    """Return one of those that nobody uses, None if there are none; any thread may take the last one at any time."""
+    try:
+        return free.pop()
+    except IndexError:
+        return None
 
 
 def device_arrays(device: str, layouts: Sequence[Layout]) -> list[wp.array]:

@@ -50,12 +50,13 @@ class ChildProcess:
             WorkerDiedError: If the process died.
         """
         try:
-            return self.connection.recv()
-        except (EOFError, ConnectionError):  # any other fault of the connection is one of this program
+            message = self.connection.recv_bytes()
+        except (EOFError, ConnectionError):  # the other end is closed
             self._process.join()
             code = self._process.exitcode
             cause = f"by signal {-code}" if code is not None and code < 0 else f"with exit code {code}"
             raise WorkerDiedError(cause) from None
+        return pickle.loads(message)  # what an object raises here is no death
 
     def close(self) -> None:
         """Wait until the process ends, and clean up."""

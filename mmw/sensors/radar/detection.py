@@ -20,6 +20,7 @@ import math
 import numpy as np
 import warp as wp
 
+from mmw.core.host_kernels import HOST
 from mmw.core.packed_arrays import borrow_arrays, padded_count
 from mmw.core.remember import remembered
 from mmw.core.repeated_launch import launch_again
@@ -28,7 +29,7 @@ from mmw.kernels.radar import estimates
 from mmw.kernels.radar import resolution_cells as radar_cells
 from mmw.kernels.radar import thresholds as radar_thresholds
 from mmw.sensors.radar.config import Radar
-from mmw.sensors.radar.detection_arrays import FIELDS, HOST, DetectionArrays
+from mmw.sensors.radar.detection_arrays import FIELDS, DetectionArrays
 from mmw.sensors.radar.points import LABEL_RAIN, RadarPoints
 from mmw.sensors.radar.rain_clutter import RainClutter
 from mmw.sensors.radar.resolution_cells import RadarCells, angle_cells, cell_grid, number

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mmw.core.host_kernels import HOST
 from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
 from mmw.kernels.radar.estimates import Candidates, Detections
 from mmw.kernels.radar.thresholds import Cells, Echoes
-
-HOST = "cpu"
-"""Warp device of the kernels that detect, on machines with a GPU too."""
 
 STRUCTS = (Cells, Echoes, Candidates, Detections)
 """Structs whose arrays are in the block of a `DetectionRoom`, after the keys of random numbers."""
