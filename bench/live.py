@@ -101,6 +101,7 @@ def main(arguments: list[str]) -> None:
     parser.add_argument("--steps", type=int, default=200, help="timed steps of each line")
     parser.add_argument("--suite", action="store_true", help="all sensors of configs/full.yaml, in town03_roundabout")
     parser.add_argument("--scenario", help="one of the configuration's; the first by default")
+    parser.add_argument("--look", action="append", help="only this line of the table; may be repeated")
     parser.add_argument("overrides", nargs="*", help="KEY=VALUE of the configuration")
     options = parser.parse_args(arguments)
     own = [] if options.suite else ["sensors=[{type: lidar, on: [cav_1]}]"]
@@ -110,7 +111,8 @@ def main(arguments: list[str]) -> None:
     with mmw.Simulation(config, mode="live", device=options.device, scenario=options.scenario) as simulation:
         print("looked at               median ms  alone ms   99 % ms   steps/s    CPU ms     calls")
         poses = 0.0
-        for name, look in looks.items():
+        for name in options.look or looks:
+            look = looks[name]
             spent, cores = measure(simulation, look, options.steps)
             middle, late = np.median(spent), np.quantile(spent, 0.99)
             poses = middle if name == "poses" else poses
