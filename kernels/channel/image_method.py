@@ -1,28 +1,15 @@
-"""Image method: exact paths from candidates, interaction points in float64, every segment between them traced."""
+"""Image method: exact points of interaction of path candidates, in float64."""
 
 import warp as wp
 
-from mmw.kernels.channel.candidate_list import FOUND, LISTED, CandidateList
-from mmw.kernels.channel.edges import Wedges, can_diffract, edge_point, edge_world
+from mmw.kernels.channel.candidate_list import LISTED, CandidateList
+from mmw.kernels.channel.edges import Wedges, edge_point, edge_world
 from mmw.kernels.channel.finite_surfaces import Outlines, beside_surface
-from mmw.kernels.channel.segments import (
-    DIFFRACTION,
-    EDGE_LIFTS,
-    END_SLACK,
-    LIFT_SHARE,
-    MIN_PATH_M,
-    SPECULAR,
-    HitBuffers,
-    Segment,
-    is_covered,
-    trace_segment,
-)
 from mmw.kernels.channel.surfaces import (
     LinkEnds,
     Plane,
     Surfaces,
     is_mirror,
-    lift_at,
     mean_plane,
     mirror_point,
     mirrored,
@@ -31,7 +18,7 @@ from mmw.kernels.channel.surfaces import (
     triangle_plane,
 )
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
-from mmw.kernels.core.structs import MISS_ID, Scene
+from mmw.kernels.core.structs import MISS_ID
 
 wp.set_module_options(DOUBLE_PRECISION)
 
@@ -50,20 +37,16 @@ class PathCandidates:
     """Plane of each step, shape [C, D]."""
     point: wp.array2d[wp.vec3d]
     """Point of each step [m], shape [C, D]."""
+    link: wp.array[int]
+    """Link of each candidate, in the order of the transmitters, shape [C]."""
+    steps: wp.array[int]
+    """Number of steps of each, -1 for a candidate without points, shape [C]."""
+    edge: wp.array[int]
+    """Step that is a diffraction, behind the last one if none is, shape [C]."""
+    sight: wp.array2d[wp.uint8]
+    """Sight along each segment, see `mmw.kernels.channel.segments`, shape [C, D + 1]."""
     is_curved: wp.bool
     """True if each is one reflection at a curved surface, whose point and normal are given."""
-
-
-@wp.struct
-class FoundPaths:
-    """Paths that were found among candidates, in any order."""
-
-    candidate: wp.array[int]
-    """Number of the candidate, shape [P]."""
-    link: wp.array[int]
-    """Link of each, in the order of the transmitters, shape [P]."""
-    order: wp.array[int]
-    """Number of interactions, shape [P]."""
 
 
 @wp.func
@@ -193,79 +176,48 @@ def find_exact_points(
     return is_valid
 
 
-@wp.func
-def add_path(
-    candidate: int, link: int, order: int, hits: HitBuffers, row: int,
-    # out
-    counts: wp.array[int], found: FoundPaths, found_hits: HitBuffers,
-):  # fmt: skip
-    """Add a path whose interactions are a row of `hits`, if there is room; the counts have it in any case.
-
-    Behind its interactions are 0, -1, NaN and NaN.
-    """
-    place = wp.atomic_add(counts, FOUND, 1)
-    if place >= found.link.shape[0]:
-        return
-    found.candidate[place] = candidate
-    found.link[place] = link
-    found.order[place] = order
-    none = wp.vec3d(wp.float64(wp.nan), wp.float64(wp.nan), wp.float64(wp.nan))
-    for k in range(hits.kind.shape[1]):
-        found_hits.kind[place, k] = wp.where(k < order, hits.kind[row, k], 0)
-        found_hits.surface[place, k] = wp.where(k < order, hits.surface[row, k], MISS_ID)
-        found_hits.vertex[place, k] = wp.where(k < order, hits.vertex[row, k], none)
-        found_hits.normal[place, k] = wp.where(k < order, hits.normal[row, k], none)
-
-
 @wp.kernel
-def refine_kernel(
-    scene: Scene,
+def points_kernel(
     ends: LinkEnds,
     surfaces: Surfaces,
     wedges: Wedges,
     pose: wp.array2d[wp.transformd],
     outlines: Outlines,
-    origin: wp.vec3d,
     listed: CandidateList,
     given: int,
     sights: int,
     begin: int,
-    passes: int,
-    # scratch
-    candidates: PathCandidates,
-    hits: HitBuffers,
+    counts: wp.array[int],
     # out
-    counts_out: wp.array[int],
-    found_out: FoundPaths,
-    found_hits_out: HitBuffers,
+    candidates_out: PathCandidates,
 ):
-    """Find the exact points of each candidate and trace its segments, through up to `passes` slabs.
+    """Find the exact points of each candidate.
 
     The first `sights` candidates are the lines of sight of the links of these numbers. Those of `listed` follow, as
-    many as are `given`, or, where that is negative, as the counts tell; thread c takes candidate `begin` + c. `origin`
-    is the world position of the scene frame's origin. Of S threads one works, see `mmw.core.device.thread_spread`.
-    Launch: dim=(C, S), block_dim=64.
+    many as are `given`, or, where that is negative, as `counts` tells; thread c takes candidate `begin` + c. Of S
+    threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, S).
     """
     candidate, lane = wp.tid()
     if lane > 0:
         return
     number = begin + candidate
-    depth = hits.kind.shape[1]
+    depth = candidates_out.step.shape[1]
     link = number
     is_plane = wp.bool(False)
     steps = wp.int32(0)
     edge = wp.int32(-1)
+    candidates_out.steps[candidate] = -1
     if number >= sights:
         row = number - sights
         rows = given
         if given < 0:
-            rows = wp.min(counts_out[LISTED], listed.link.shape[0])
+            rows = wp.min(counts[LISTED], listed.link.shape[0])
         if row >= rows:
             return
         link = listed.link[row]
         is_plane = listed.is_plane[row] != wp.uint8(0)
         while steps < depth and listed.step[row, steps] != MISS_ID:
-            candidates.step[candidate, steps] = listed.step[row, steps]
+            candidates_out.step[candidate, steps] = listed.step[row, steps]
             if listed.step[row, steps] < MISS_ID:
                 edge = steps
             steps = steps + 1
@@ -275,67 +227,9 @@ def refine_kernel(
     rx = ends.rx[link, world]
     if edge < 0:
         edge = steps
-    if not find_exact_points(
-        candidates, is_plane, surfaces, wedges, outlines, pose, batch_index, candidate, steps, edge, tx, rx
+    candidates_out.link[candidate] = link
+    candidates_out.edge[candidate] = edge
+    if find_exact_points(
+        candidates_out, is_plane, surfaces, wedges, outlines, pose, batch_index, candidate, steps, edge, tx, rx
     ):
-        return
-    max_slabs = wp.min(depth - steps, passes)
-    filled = wp.int32(0)
-    length = wp.float64(0.0)
-    segment = Segment()
-    segment.begin = tx
-    segment.start = tx
-    segment.own = wp.vec4i(MISS_ID, MISS_ID, MISS_ID, MISS_ID)
-    for k in range(steps + 1):
-        segment.end = rx
-        segment.stop = rx
-        away = wp.vec3d()
-        segment.own[2] = MISS_ID
-        segment.own[3] = MISS_ID
-        if k < steps:
-            segment.end = candidates.point[candidate, k]
-            after = rx
-            if k + 1 < steps:
-                after = candidates.point[candidate, k + 1]
-            nearest = wp.min(wp.length(segment.end - segment.begin), wp.length(after - segment.end))
-            lift = wp.min(lift_at(segment.end - origin), LIFT_SHARE * nearest)
-            if k == edge:
-                wedge = -2 - candidates.step[candidate, k]
-                segment.own[2] = wedges.surface_0[wedge]
-                segment.own[3] = wedges.surface_n[wedge]
-                ends_w = edge_world(wedges, pose, batch_index, wedge)
-                if not can_diffract(wedges, wedge, ends_w, segment.begin, after):
-                    return
-                segment.stop = segment.end + EDGE_LIFTS * lift * ends_w.away
-            else:
-                segment.own[2] = candidates.step[candidate, k]
-                away = candidates.normal[candidate, k]
-                if wp.dot(away, segment.begin) < candidates.offset[candidate, k]:
-                    away = -away
-                segment.stop = segment.end + lift * away
-                if is_covered(scene, surfaces, pose, origin, batch_index, segment, lift * away):
-                    return
-        length = length + wp.length(segment.end - segment.begin)
-        if k == 0:
-            segment.start = segment.start + END_SLACK * (segment.end - segment.start)
-        if k == steps:
-            segment.stop = segment.stop + END_SLACK * (segment.begin - segment.stop)
-        filled = trace_segment(
-            scene, surfaces, pose, origin, batch_index, segment, candidate, filled, max_slabs - (filled - k), hits
-        )
-        if filled < 0:
-            return
-        if k < steps:
-            hits.kind[candidate, filled] = wp.where(k == edge, DIFFRACTION, SPECULAR)
-            hits.surface[candidate, filled] = wp.where(
-                k == edge, -2 - candidates.step[candidate, k], candidates.step[candidate, k]
-            )
-            hits.vertex[candidate, filled] = segment.end
-            hits.normal[candidate, filled] = away
-            filled = filled + 1
-        segment.begin = segment.end
-        segment.start = segment.stop
-        segment.own[0] = segment.own[2]
-        segment.own[1] = segment.own[3]
-    if length > MIN_PATH_M:
-        add_path(number, link, filled, hits, candidate, counts_out, found_out, found_hits_out)
+        candidates_out.steps[candidate] = steps

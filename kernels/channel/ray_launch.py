@@ -155,7 +155,8 @@ def launch_kernel(
             if is_filling:
                 code = wp.int32(0)
             elif level == 1:
-                is_hit_out[source, own] = wp.uint8(1)
+                if is_hit_out[source, own] == wp.uint8(0):  # most rays hit what others did: stores would queue
+                    is_hit_out[source, own] = wp.uint8(1)
             else:
                 cell = insert_candidate(keys_out, parent, own, level)
                 code = is_hit_out.shape[0] * is_hit_out.shape[1] + cell

@@ -45,6 +45,14 @@ END_SLACK = wp.constant(wp.float64(6e-6))
 """Share of a segment at each antenna that is not searched for obstacles: an antenna may lie on a surface."""
 
 
+FREE = wp.constant(0)
+"""Sight along a segment: nothing lies on it."""
+BLOCKED = wp.constant(1)
+"""Sight along a segment: something lies on it, which counts or does not."""
+NO_SEGMENT = wp.constant(2)
+"""Sight along a segment: there can be no path through it."""
+
+
 @wp.struct
 class HitBuffers:
     """Interactions of paths in order, from transmitter to receiver; the tracing of segments fills the rows."""
@@ -71,6 +79,8 @@ class Segment:
     """`end`, lifted off the surface that it lies on."""
     own: wp.vec4i
     """Surfaces on which it begins (two) and ends (two), -1 for none."""
+    lift: wp.vec3d
+    """From `end` to `stop` [m]; not set where it ends at an antenna."""
 
 
 @wp.func
@@ -90,17 +100,16 @@ def is_across(plane: Plane, one: wp.vec3d, other: wp.vec3d, margin: wp.float64) 
 @wp.func
 def is_covered(
     scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
-    segment: Segment, lift: wp.vec3d,
+    segment: Segment,
 ) -> bool:  # fmt: skip
-    """Return whether a surface that a segment crosses lies on the reflecting one, within a lift off where it ends."""
-    start = segment.end + lift
-    height = wp.length(lift)
-    hit = closest_hit(
-        scene, batch_index, single(start - origin), -single(lift / height), wp.float32(height * COVER_SHARE), MISS_ID
-    )
+    """Return whether a surface that a segment crosses lies on the reflecting one, within the lift off where it ends."""
+    start = segment.end + segment.lift
+    height = wp.length(segment.lift)
+    down, reach = -single(segment.lift / height), wp.float32(height * COVER_SHARE)
+    hit = closest_hit(scene, batch_index, single(start - origin), down, reach, MISS_ID)
     is_between = hit.surface != MISS_ID and hit.surface != segment.own[2]
     if is_between:
-        at = start - (wp.float64(hit.t) / height) * lift
+        at = start - (wp.float64(hit.t) / height) * segment.lift
         plane = plane_at(surfaces, pose, batch_index, hit.surface, at)
         is_between = is_across(plane, segment.begin, segment.end, IN_PLANE_M)
     return is_between
@@ -149,11 +158,29 @@ def pass_slab(
 
 
 @wp.func
-def trace_segment(
+def sight_of(scene: Scene, origin: wp.vec3d, batch_index: int, segment: Segment) -> int:
+    """Return whether a segment is `FREE`, or `BLOCKED` by anything at all, or there is `NO_SEGMENT`: it is too short.
+
+    What blocks it may be one of its own surfaces, or a slab: see `pass_obstacles`.
+    """
+    span = segment.stop - segment.start
+    length = wp.length(span)
+    if not wp.length(segment.end - segment.begin) > MIN_SEGMENT_M:
+        return NO_SEGMENT
+    if not length > MIN_SEGMENT_M:
+        return FREE
+    start = single(segment.start - origin)
+    is_blocked = occluded(scene, batch_index, start, wp.normalize(single(span / length)), wp.float32(length), MISS_ID)
+    return wp.where(is_blocked, BLOCKED, FREE)
+
+
+@wp.func
+def pass_obstacles(
     scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
     segment: Segment, row: int, filled: int, max_slabs: int, hits: HitBuffers,
 ) -> int:  # fmt: skip
-    """Trace a segment; write `max_slabs` slabs that it passes through at most; return how many rows are filled, or -1.
+    """Trace a blocked segment; write `max_slabs` slabs that it passes through at most; return how many rows are filled,
+    or -1.
 
     The surfaces of `segment.own`, being flat, cannot obstruct the segment itself, nor can those that it does not cross.
     Behind a slab the ray goes on a
@@ -161,15 +188,8 @@ def trace_segment(
     their position in that plane.
     """
     span = segment.stop - segment.start
-    length = wp.length(span)
-    if not wp.length(segment.end - segment.begin) > MIN_SEGMENT_M:
-        return -1
-    if not length > MIN_SEGMENT_M:
-        return filled
-    unit = span / length
+    unit = span / wp.length(span)
     direction = wp.normalize(single(unit))
-    if not occluded(scene, batch_index, single(segment.start - origin), direction, wp.float32(length), MISS_ID):
-        return filled
     written = filled
     limit = filled + max_slabs
     passed = wp.int32(MISS_ID)
@@ -207,3 +227,15 @@ def trace_segment(
                     written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
         tries_left = tries_left - 1
     return -1
+
+
+@wp.func
+def trace_segment(
+    scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
+    segment: Segment, row: int, filled: int, max_slabs: int, hits: HitBuffers,
+) -> int:  # fmt: skip
+    """Return how many rows are filled behind a segment, -1 if it does not get through; see `pass_obstacles`."""
+    sight = sight_of(scene, origin, batch_index, segment)
+    if sight == BLOCKED:
+        return pass_obstacles(scene, surfaces, pose, origin, batch_index, segment, row, filled, max_slabs, hits)
+    return wp.where(sight == FREE, filled, -1)

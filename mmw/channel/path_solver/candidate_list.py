@@ -14,7 +14,8 @@ from mmw.core.device import thread_spread
 from mmw.core.packed_arrays import Layout, PackedArrays, padded_count
 from mmw.core.recorded_work import Same
 from mmw.kernels.channel.candidate_list import COUNTS, FOUND, FULL, LISTED, CandidateList
-from mmw.kernels.channel.image_method import FoundPaths, PathCandidates, refine_kernel
+from mmw.kernels.channel.image_method import PathCandidates, points_kernel
+from mmw.kernels.channel.path_segments import FoundPaths, found_kernel, sight_kernel
 from mmw.kernels.channel.segments import HitBuffers
 
 CANDIDATES_AT_ONCE = 2**20
@@ -179,36 +180,38 @@ def _refine(
     if not count:
         return
     scene, table, config, device = search.scene, search.table, search.config, search.scene.device
-    shape = padded_count(count), max(1, config.max_depth)
+    rows, depth = padded_count(count), max(1, config.max_depth)
+    each, shape = ((rows,), wp.int32), (rows, depth)
     ints, vectors, numbers = (shape, wp.int32), (shape, wp.vec3d), (shape, wp.float64)
-    scratch = search.borrow(ints, vectors, vectors, numbers, vectors, ints, ints, vectors, vectors, is_scratch=True)
+    steps = ints, vectors, vectors, numbers, vectors, each, each, each, ((rows, depth + 1), wp.uint8)
+    scratch = search.borrow(*steps, ints, ints, vectors, vectors, is_scratch=True)
+    names = [name for name in PathCandidates.vars if name != "is_curved"]
     if touched is None:
-        candidates = scratch.struct(PathCandidates, "step", "image", "normal", "offset", "point", *4 * (None,))
+        candidates = scratch.struct(PathCandidates, *names, *4 * (None,))
     else:  # a struct of its own: that of the block is used again
         candidates = PathCandidates()
-        candidates.step, candidates.image, _, candidates.offset = scratch.arrays[:4]
+        for name, array in zip(names, scratch.arrays, strict=False):
+            setattr(candidates, name, array)
         candidates.point, candidates.normal = touched
         candidates.is_curved = True
-    arguments = [
-        table.scene_struct(scene),
-        search.forward.ends,
-        table.device,
-        table.wedges.device,
-        search.pose,
-        search.outlines,
-        vector(*scene.origin.tolist()),
-        listed,
-        given,
-        sights,
-        begin,
-        config.max_depth if config.refraction else 0,
-        candidates,
-        scratch.struct(HitBuffers, *5 * (None,), "kind", "surface", "vertex", "normal"),
-        out.arrays[0],
+    hits = scratch.struct(HitBuffers, *len(steps) * (None,), "kind", "surface", "vertex", "normal")
+    ends, flat, wedges = search.forward.ends, table.device, table.wedges.device
+    world = search.pose, vector(*scene.origin.tolist())
+    spread = thread_spread(device, count)
+    which = listed, given, sights, begin, out.arrays[0]
+    arguments = [ends, flat, wedges, world[0], search.outlines, *which, candidates]
+    search.launch(points_kernel, (count, spread), arguments, block_dim=64)
+    is_few = thread_spread(device, count * (depth + 1)) > 1
+    threads = depth + 1 if is_few else 1
+    arguments = [table.scene_struct(scene), ends, flat, wedges, *world]
+    shape = count, threads, thread_spread(device, count * threads)
+    search.launch(sight_kernel, shape, [*arguments, threads, candidates], block_dim=64)
+    arguments += [begin, config.max_depth if config.refraction else 0, candidates, hits, out.arrays[0]]
+    arguments += [
         out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
         out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
     ]
-    search.launch(refine_kernel, (count, thread_spread(device, count)), arguments, block_dim=64)
+    search.launch(found_kernel, (count, spread), arguments, block_dim=64)
 
 
 def _traced(columns: list[np.ndarray], rows: np.ndarray | slice) -> TracedPaths:
