@@ -2,6 +2,7 @@
 
 import warp as wp
 
+from mmw.kernels.channel.box_tree import BoxTrees, in_box, largest, next_leaf
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 from mmw.kernels.core.geometry import is_inside, reflection_point
 
@@ -9,17 +10,11 @@ wp.set_module_options(DOUBLE_PRECISION)
 
 EDGE_MARGIN = wp.constant(wp.float64(1e-9))
 """A point this close to a triangle's edge is in the triangle [m]: no gap opens between neighbors."""
-BOX_MARGIN = wp.constant(wp.float64(1e-6))
-"""Slack of the box test, which only has to be generous [m]."""
-
 LIFT = wp.constant(wp.float64(2e-6))
 """A ray starts off its surface by this times (5 m + largest coordinate): 16 roundings of float32."""
 
 BOX_TOLERANCE = wp.constant(wp.vec3d(1e-3, 1e-3, 1e-3))
 """Tolerance of a traced point against the box of its surface [m]."""
-
-BLOCK = 16
-"""Triangles of a surface, and surfaces of a plane, that share a box. Design value."""
 
 
 @wp.struct
@@ -44,12 +39,8 @@ class Surfaces:
     """Triangles of each row, shape [K]."""
     corner: wp.array[wp.vec3d]
     """Corners of all triangles [m], shape [3 T]."""
-    first_block: wp.array[int]
-    """First box of each row's blocks of triangles, of which rows of up to `BLOCK` have none, shape [K]."""
-    block_lower: wp.array[wp.vec3d]
-    """Low corner of the box around a block, and around what counts as in its triangles [m], shape [B]."""
-    block_upper: wp.array[wp.vec3d]
-    """High corner of that box [m], shape [B]."""
+    triangles: BoxTrees
+    """Trees of the triangles of each row; boxes have what counts as in its triangles too."""
     is_slab: wp.array[wp.uint8]
     """1 where a wave can pass through the surface in some weather, shape [G]."""
     plane: wp.array[int]
@@ -64,14 +55,8 @@ class Surfaces:
     """First entry of each plane in `member`, and the number of entries, shape [K + 1]."""
     member: wp.array[int]
     """Surfaces of each plane, the smallest first, one plane after the other, shape [G]."""
-    neighbor: wp.array[int]
-    """Entries of `member`, sorted along a space-filling curve within each plane, shape [G]."""
-    first_member_block: wp.array[int]
-    """First box of each plane's blocks of `neighbor`; planes of up to `BLOCK` surfaces have none, shape [K]."""
-    member_lower: wp.array[wp.vec3d]
-    """Low corner of the box around the surfaces of a block of `neighbor` [m], shape [M]."""
-    member_upper: wp.array[wp.vec3d]
-    """High corner of that box [m], shape [M]."""
+    members: BoxTrees
+    """Trees of the entries of `member` of each plane."""
 
 
 @wp.struct
@@ -94,12 +79,6 @@ class Plane:
 
     normal: wp.vec3d
     offset: wp.float64
-
-
-@wp.func
-def largest(v: wp.vec3d) -> wp.float64:
-    """Return the largest magnitude among the components."""
-    return wp.max(wp.max(wp.abs(v[0]), wp.abs(v[1])), wp.abs(v[2]))
 
 
 @wp.func
@@ -163,13 +142,6 @@ def from_carrier(point: wp.vec3d, pose: wp.array2d[wp.transformd], batch_index: 
 
 
 @wp.func
-def in_box(low: wp.vec3d, high: wp.vec3d, point: wp.vec3d) -> bool:
-    """Return whether a point lies in a box, or very near it."""
-    slack = -BOX_MARGIN * (wp.float64(1.0) + largest(point))
-    return wp.min(point - low) >= slack and wp.min(high - point) >= slack
-
-
-@wp.func
 def in_plane_box(
     surfaces: Surfaces, pose: wp.array2d[wp.transformd], batch_index: int, plane: int, point: wp.vec3d
 ) -> bool:
@@ -179,34 +151,37 @@ def in_plane_box(
 
 
 @wp.func
-def triangle_among(surfaces: Surfaces, begin: int, end: int, local: wp.vec3d) -> int:
-    """Return the first corner, from `begin` to before `end`, of the triangle that holds a point, -1 if none does."""
-    corner = begin
-    found = wp.int32(-1)
-    while corner < end and found < 0:
-        if is_inside(
-            local, surfaces.corner[corner], surfaces.corner[corner + 1], surfaces.corner[corner + 2], EDGE_MARGIN
-        ):
-            found = corner
-        corner = corner + 3
-    return found
+def in_triangle(surfaces: Surfaces, corner: int, local: wp.vec3d) -> bool:
+    """Return whether a triangle, given by its first corner, holds a point in its own frame."""
+    return is_inside(
+        local, surfaces.corner[corner], surfaces.corner[corner + 1], surfaces.corner[corner + 2], EDGE_MARGIN
+    )
 
 
 @wp.func
 def local_triangle(surfaces: Surfaces, surface: int, local: wp.vec3d) -> int:
     """Return the first corner of the triangle of a surface that holds a point in its own frame, -1 if none does."""
     row = surfaces.row[surface]
-    begin = 3 * surfaces.first[row]
-    end = begin + 3 * surfaces.triangle_count[row]
-    if end - begin <= 3 * BLOCK:
-        return triangle_among(surfaces, begin, end, local)
-    block = surfaces.first_block[row]
     found = wp.int32(-1)
-    while begin < end and found < 0:
-        if in_box(surfaces.block_lower[block], surfaces.block_upper[block], local):
-            found = triangle_among(surfaces, begin, wp.min(begin + 3 * BLOCK, end), local)
-        begin = begin + 3 * BLOCK
-        block = block + 1
+    node = surfaces.triangles.root[row]
+    if node < 0:
+        corner = 3 * surfaces.first[row]
+        end = corner + 3 * surfaces.triangle_count[row]
+        while corner < end and found < 0:
+            if in_triangle(surfaces, corner, local):
+                found = corner
+            corner = corner + 3
+        return found
+    end = surfaces.triangles.node[node][0]
+    while node < end:
+        node = next_leaf(surfaces.triangles, node, end, local, wp.vec3d())
+        if node < end:
+            leaf = surfaces.triangles.node[node]
+            for place in range(leaf[1], leaf[2]):
+                corner = 3 * surfaces.triangles.order[place]
+                if (found < 0 or corner < found) and in_triangle(surfaces, corner, local):
+                    found = corner
+            node = node + 1
     return found
 
 
@@ -237,26 +212,26 @@ def next_member(surfaces: Surfaces, plane: int, after: int, local: wp.vec3d, sla
         local: The point in the frame of the plane's carrier [m].
         slack: Slack of the boxes of the surfaces [m].
     """
-    begin = surfaces.first_member[plane]
-    end = surfaces.first_member[plane + 1]
     found = wp.int32(-1)
-    if end - begin <= BLOCK:
+    node = surfaces.members.root[plane]
+    if node < 0:
         index = after + 1
-        while index < end and found < 0:
+        while index < surfaces.first_member[plane + 1] and found < 0:
             if holds(surfaces, surfaces.member[index], local, slack):
                 found = index
             index = index + 1
         return found
-    block = surfaces.first_member_block[plane]
-    while begin < end:
-        if in_box(surfaces.member_lower[block] - slack, surfaces.member_upper[block] + slack, local):
-            for place in range(begin, wp.min(begin + BLOCK, end)):
-                index = surfaces.neighbor[place]
+    end = surfaces.members.node[node][0]
+    while node < end:
+        node = next_leaf(surfaces.members, node, end, local, slack)
+        if node < end:
+            leaf = surfaces.members.node[node]
+            for place in range(leaf[1], leaf[2]):
+                index = surfaces.members.order[place]
                 is_sooner = index > after and (found < 0 or index < found)
                 if is_sooner and holds(surfaces, surfaces.member[index], local, slack):
                     found = index
-        begin = begin + BLOCK
-        block = block + 1
+            node = node + 1
     return found
 
 

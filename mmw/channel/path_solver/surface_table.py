@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from mmw.channel.path_solver.box_trees import box_trees, triangle_trees
 from mmw.channel.path_solver.curved_surfaces import CurvedTable, make_curved_table
 from mmw.channel.path_solver.edge_table import MIN_BEND_RAD, WedgeTable, make_wedge_table
 from mmw.channel.path_solver.foliage import Foliage
 from mmw.channel.path_solver.outlines import OutlineTable, make_outline_table
-from mmw.channel.path_solver.surface_blocks import member_blocks, triangle_blocks
 from mmw.channel.path_solver.town_hits import KeptHits
 from mmw.channel.path_solver.workspace import Workspace
 from mmw.core.host_kernels import HOST
@@ -310,11 +310,10 @@ def _to_device(
     first_member = np.searchsorted(plane[member], np.arange(int(plane.max(initial=-1)) + 2))
     plane_lower = np.minimum.reduceat(lower[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
     plane_upper = np.maximum.reduceat(upper[row[member]], first_member[:-1]) if len(row) else np.zeros((0, 3))
-    first_block, block_lower, block_upper = triangle_blocks(table["triangle"], table["first"], table["triangle_count"])
-    neighbor, first_member_block, member_lower, member_upper = member_blocks(
-        first_member, lower[row[member]], upper[row[member]]
-    )
+    triangles = triangle_trees(table["triangle"], table["first"], table["triangle_count"])
+    members = box_trees(first_member[:-1], np.diff(first_member), lower[row[member]], upper[row[member]])
     surfaces = Surfaces()
+    surfaces.triangles, surfaces.members = triangles.to_device(device), members.to_device(device)
     for name, values, dtype in (
         ("row", table["row"], wp.int32),
         ("carrier", np.where(table["owner"] < 0, instance_count, table["owner"]), wp.int32),
@@ -325,9 +324,6 @@ def _to_device(
         ("first", table["first"], wp.int32),
         ("triangle_count", table["triangle_count"], wp.int32),
         ("corner", table["triangle"].reshape(-1, 3), wp.vec3d),
-        ("first_block", first_block, wp.int32),
-        ("block_lower", block_lower, wp.vec3d),
-        ("block_upper", block_upper, wp.vec3d),
         ("is_slab", table["is_slab"], wp.uint8),
         ("plane", plane, wp.int32),
         ("lead", member[first_member[1:] - 1], wp.int32),
@@ -335,10 +331,6 @@ def _to_device(
         ("plane_upper", plane_upper, wp.vec3d),
         ("first_member", first_member, wp.int32),
         ("member", member, wp.int32),
-        ("neighbor", neighbor, wp.int32),
-        ("first_member_block", first_member_block, wp.int32),
-        ("member_lower", member_lower, wp.vec3d),
-        ("member_upper", member_upper, wp.vec3d),
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
     return surfaces

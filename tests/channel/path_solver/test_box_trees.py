@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from mmw.channel.path_solver.surface_blocks import member_blocks, triangle_blocks
-from mmw.kernels.channel.surfaces import BLOCK, Surfaces, local_triangle, next_member
+from mmw.channel.path_solver.box_trees import HostTrees, box_trees, triangle_trees
+from mmw.kernels.channel.box_tree import FEW, LEAF
+from mmw.kernels.channel.surfaces import Surfaces, local_triangle, next_member
 from mmw.kernels.core.compiler import DOUBLE_PRECISION
 
 wp.set_module_options(DOUBLE_PRECISION)
@@ -38,6 +39,28 @@ def grid(rng: np.random.Generator, cells: int) -> np.ndarray:
     return triangles[rng.permutation(len(triangles))]
 
 
+def check_trees(trees: HostTrees, first: np.ndarray, count: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+    """Assert that each tree is one, and that the box of each node has all entries below it."""
+    assert sorted(trees.order) == list(range(len(lower)))
+    assert ((trees.root >= 0) == (count > FEW)).all()
+    for own, root in enumerate(trees.root):
+        if root < 0:
+            continue
+        entries: list[int] = []
+        for node in range(root, trees.node[root, 0]):
+            behind, begin, end = trees.node[node]
+            below = trees.node[node:behind]
+            leaves = below[below[:, 1] < below[:, 2]]
+            assert node < behind <= trees.node[root, 0] and len(leaves)
+            assert (begin < end) == (behind == node + 1)
+            held = trees.order[leaves[0, 1] : leaves[-1, 2]]
+            assert (trees.lower[node] <= lower[held]).all() and (trees.upper[node] >= upper[held]).all()
+            assert (leaves[1:, 1] == leaves[:-1, 2]).all() and (leaves[:, 2] - leaves[:, 1] <= LEAF).all()
+            if begin < end:
+                entries += trees.order[begin:end].tolist()
+        assert sorted(entries) == list(range(first[own], first[own] + count[own]))
+
+
 @pytest.mark.parametrize("is_sorted", [True, False])
 def test_a_point_is_in_the_first_triangle_that_holds_it(is_sorted: bool, device: str) -> None:
     """Oracle: every triangle is asked by barycentric coordinates."""
@@ -48,8 +71,8 @@ def test_a_point_is_in_the_first_triangle_that_holds_it(is_sorted: bool, device:
         parts = [part[np.lexsort(part.mean(axis=1).T)] for part in parts]
     triangle, count = np.concatenate(parts), np.array([len(part) for part in parts])
     first = np.cumsum(count) - count
-    first_block, lower, upper = triangle_blocks(triangle, first, count)
-    assert len(lower) == sum(-(-n // BLOCK) for n in count if n > BLOCK)
+    trees = triangle_trees(triangle, first, count)
+    check_trees(trees, first, count, triangle.min(axis=1), triangle.max(axis=1))
 
     surface = rng.integers(0, len(sizes), 4000)
     point = np.append(rng.uniform(-0.2, 1.2, (4000, 2)), np.zeros((4000, 1)), axis=1)
@@ -59,11 +82,9 @@ def test_a_point_is_in_the_first_triangle_that_holds_it(is_sorted: bool, device:
         ("first", first, wp.int32),
         ("triangle_count", count, wp.int32),
         ("corner", triangle.reshape(-1, 3), wp.vec3d),
-        ("first_block", first_block, wp.int32),
-        ("block_lower", lower, wp.vec3d),
-        ("block_upper", upper, wp.vec3d),
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
+    surfaces.triangles = trees.to_device(device)
     given = [surfaces, wp.array(surface, dtype=int, device=device), wp.array(point, dtype=wp.vec3d, device=device)]
     wp.launch(find_kernel, dim=len(point), inputs=given, outputs=[out], device=device)
 
@@ -78,14 +99,14 @@ def test_a_point_is_in_the_first_triangle_that_holds_it(is_sorted: bool, device:
 def test_the_surfaces_of_a_plane_that_hold_a_point_come_in_order(slack: float, device: str) -> None:
     """Oracle: every surface of the plane is asked. Surfaces are squares of one triangle pair that overlap."""
     rng = np.random.default_rng(3)
-    count = np.array([1, 40, BLOCK, 700, 3])
+    count = np.array([1, 40, FEW, 700, 3])
     first = np.concatenate([[0], np.cumsum(count)])
     low = np.append(rng.uniform(0.0, 1.0, (first[-1], 2)), np.zeros((first[-1], 1)), axis=1)
     size = rng.uniform(0.02, 0.25, (first[-1], 1, 1))
     triangle = low[:, None] + size * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 0, 0], [1, 1, 0], [0, 1, 0]])
     lower, upper = triangle.min(axis=1), triangle.max(axis=1)
-    neighbor, first_block, member_lower, member_upper = member_blocks(first, lower, upper)
-    assert sorted(neighbor) == list(range(first[-1]))
+    trees = box_trees(first[:-1], count, lower, upper)
+    check_trees(trees, first[:-1], count, lower, upper)
     every = np.arange(first[-1])
     surfaces = Surfaces()
     for name, values, dtype in (
@@ -97,12 +118,10 @@ def test_the_surfaces_of_a_plane_that_hold_a_point_come_in_order(slack: float, d
         ("corner", triangle.reshape(-1, 3), wp.vec3d),
         ("first_member", first, wp.int32),
         ("member", every, wp.int32),
-        ("neighbor", neighbor, wp.int32),
-        ("first_member_block", first_block, wp.int32),
-        ("member_lower", member_lower, wp.vec3d),
-        ("member_upper", member_upper, wp.vec3d),
     ):
         setattr(surfaces, name, wp.array(values, dtype=dtype, device=device))
+    surfaces.members = trees.to_device(device)
+    surfaces.triangles = triangle_trees(triangle.reshape(-1, 3, 3), 2 * every, np.full(first[-1], 2)).to_device(device)
     plane = rng.integers(0, len(count), 500)
     point = np.append(rng.uniform(-0.1, 1.3, (500, 2)), np.zeros((500, 1)), axis=1)
     out = wp.full((500, 64), -2, dtype=int, device=device)
