@@ -142,12 +142,14 @@ def sight_kernel(
     pose: wp.array2d[wp.transformd],
     origin: wp.vec3d,
     threads: int,
+    passes: int,
     # scratch
     candidates: PathCandidates,
 ):
     """Look along the segments of each candidate: of its `threads`, thread t takes the segments t, t + threads, ...
 
-    `origin` is the world position of the scene frame's origin. A thread ends with the first segment without a path.
+    `origin` is the world position of the scene frame's origin. A path may go through up to `passes` slabs. A thread
+    ends with the first segment without a path.
     Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, threads, S), block_dim=64.
     """
     candidate, first, lane = wp.tid()
@@ -165,7 +167,8 @@ def sight_kernel(
             )
         sight = wp.int32(NO_SEGMENT)
         if is_met:
-            sight = sight_of(scene, origin, batch_index, segment)
+            max_slabs = wp.min(candidates.step.shape[1] - steps, passes)
+            sight = sight_of(scene, surfaces, pose, origin, batch_index, segment, max_slabs)
         candidates.sight[candidate, k] = wp.uint8(sight)
         k = k + threads
         if sight == NO_SEGMENT:

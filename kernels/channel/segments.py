@@ -48,9 +48,9 @@ END_SLACK = wp.constant(wp.float64(6e-6))
 FREE = wp.constant(0)
 """Sight along a segment: nothing lies on it."""
 BLOCKED = wp.constant(1)
-"""Sight along a segment: something lies on it, which counts or does not."""
+"""Sight along a segment: something lies on it, which may be a slab, or may not count."""
 NO_SEGMENT = wp.constant(2)
-"""Sight along a segment: there can be no path through it."""
+"""Sight along a segment: there is no path through it."""
 
 
 @wp.struct
@@ -158,10 +158,14 @@ def pass_slab(
 
 
 @wp.func
-def sight_of(scene: Scene, origin: wp.vec3d, batch_index: int, segment: Segment) -> int:
-    """Return whether a segment is `FREE`, or `BLOCKED` by anything at all, or there is `NO_SEGMENT`: it is too short.
+def sight_of(
+    scene: Scene, surfaces: Surfaces, pose: wp.array2d[wp.transformd], origin: wp.vec3d, batch_index: int,
+    segment: Segment, max_slabs: int,
+) -> int:  # fmt: skip
+    """Return whether a segment is `FREE`, or `BLOCKED` by what may not count, or there is `NO_SEGMENT`.
 
-    What blocks it may be one of its own surfaces, or a slab: see `pass_obstacles`.
+    There is none if it is too short, or what lies on it first stops it: another surface that it crosses, and that is no
+    slab or one more than `max_slabs`. What blocks it otherwise is told by `pass_obstacles`.
     """
     span = segment.stop - segment.start
     length = wp.length(span)
@@ -169,9 +173,19 @@ def sight_of(scene: Scene, origin: wp.vec3d, batch_index: int, segment: Segment)
         return NO_SEGMENT
     if not length > MIN_SEGMENT_M:
         return FREE
+    unit = span / length
     start = single(segment.start - origin)
-    is_blocked = occluded(scene, batch_index, start, wp.normalize(single(span / length)), wp.float32(length), MISS_ID)
-    return wp.where(is_blocked, BLOCKED, FREE)
+    direction = wp.normalize(single(unit))
+    if not occluded(scene, batch_index, start, direction, wp.float32(length), MISS_ID):  # of most, and the quicker test
+        return FREE
+    hit = closest_hit(scene, batch_index, start, direction, wp.float32(length), MISS_ID)
+    sight = BLOCKED
+    is_last = max_slabs == 0 or surfaces.is_slab[hit.surface] == wp.uint8(0)
+    if is_last and not is_own(hit.surface, segment.own):
+        at = segment.start + wp.float64(hit.t) * unit
+        if crosses(surfaces, pose, batch_index, segment, hit.surface, at):
+            sight = NO_SEGMENT
+    return sight
 
 
 @wp.func
@@ -218,13 +232,14 @@ def pass_obstacles(
                 if other != passed and not is_own(other, segment.own):
                     written = pass_slab(surfaces, pose, batch_index, segment, other, at, row, written, limit, hits)
                 member = next_member(surfaces, plane, member, local, BOX_TOLERANCE)
-            back = closest_hit(scene, batch_index, single(position - origin), -direction, wp.float32(step), MISS_ID)
-            is_hidden = written >= 0 and back.surface != MISS_ID and not is_own(back.surface, segment.own)
-            if is_hidden and surfaces.plane[back.surface] != plane:
-                at = position - wp.float64(back.t) * unit
-                if crosses(surfaces, pose, batch_index, segment, back.surface, at):
-                    passed = back.surface
-                    written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
+            if written >= 0:
+                back = closest_hit(scene, batch_index, single(position - origin), -direction, wp.float32(step), MISS_ID)
+                is_hidden = back.surface != MISS_ID and not is_own(back.surface, segment.own)
+                if is_hidden and surfaces.plane[back.surface] != plane:
+                    at = position - wp.float64(back.t) * unit
+                    if crosses(surfaces, pose, batch_index, segment, back.surface, at):
+                        passed = back.surface
+                        written = pass_slab(surfaces, pose, batch_index, segment, passed, at, row, written, limit, hits)
         tries_left = tries_left - 1
     return -1
 
@@ -235,7 +250,7 @@ def trace_segment(
     segment: Segment, row: int, filled: int, max_slabs: int, hits: HitBuffers,
 ) -> int:  # fmt: skip
     """Return how many rows are filled behind a segment, -1 if it does not get through; see `pass_obstacles`."""
-    sight = sight_of(scene, origin, batch_index, segment)
+    sight = sight_of(scene, surfaces, pose, origin, batch_index, segment, max_slabs)
     if sight == BLOCKED:
         return pass_obstacles(scene, surfaces, pose, origin, batch_index, segment, row, filled, max_slabs, hits)
     return wp.where(sight == FREE, filled, -1)

@@ -205,8 +205,9 @@ def _refine(
     threads = depth + 1 if is_few else 1
     arguments = [table.scene_struct(scene), ends, flat, wedges, *world]
     shape = count, threads, thread_spread(device, count * threads)
-    search.launch(sight_kernel, shape, [*arguments, threads, candidates], block_dim=64)
-    arguments += [begin, config.max_depth if config.refraction else 0, candidates, hits, out.arrays[0]]
+    passes = config.max_depth if config.refraction else 0
+    search.launch(sight_kernel, shape, [*arguments, threads, passes, candidates], block_dim=64)
+    arguments += [begin, passes, candidates, hits, out.arrays[0]]
     arguments += [
         out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
         out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
