@@ -278,6 +278,18 @@ def nearest_with_instances(scene: Scene, batch_index: int, origin: wp.vec3, dire
 
 
 @wp.func
+def passes_instance_box(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
+    """Return whether a ray enters the box of an instance before `t_max`: if not, it hits none before."""
+    root = scene.group_root[batch_index]
+    is_near = wp.bool(False)
+    if root >= 0:  # -1 would search every frame's vehicles
+        item = wp.int32(0)
+        query = wp.bvh_query_ray(scene.instances[0], origin, direction, root)
+        is_near = wp.bvh_query_next(query, item, t_max)
+    return is_near
+
+
+@wp.func
 def closest_hit_raw(
     scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, ignore: int
 ) -> RawHit:
