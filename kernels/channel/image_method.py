@@ -43,8 +43,6 @@ class PathCandidates:
     """Number of steps of each, -1 for a candidate without points, shape [C]."""
     edge: wp.array[int]
     """Step that is a diffraction, behind the last one if none is, shape [C]."""
-    sight: wp.array2d[wp.uint8]
-    """Sight along each segment, see `mmw.kernels.channel.segments`, shape [C, D + 1]."""
     is_curved: wp.bool
     """True if each is one reflection at a curved surface, whose point and normal are given."""
 

@@ -143,13 +143,15 @@ def sight_kernel(
     origin: wp.vec3d,
     threads: int,
     passes: int,
-    # scratch
     candidates: PathCandidates,
+    # out
+    sight_out: wp.array2d[wp.uint8],
 ):
     """Look along the segments of each candidate: of its `threads`, thread t takes the segments t, t + threads, ...
 
     `origin` is the world position of the scene frame's origin. A path may go through up to `passes` slabs. A thread
-    ends with the first segment without a path.
+    ends with the first segment without a path. `sight_out` is one of those in `mmw.kernels.channel.segments` for each
+    segment, shape [C, D + 1].
     Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, threads, S), block_dim=64.
     """
     candidate, first, lane = wp.tid()
@@ -169,7 +171,7 @@ def sight_kernel(
         if is_met:
             max_slabs = wp.min(candidates.step.shape[1] - steps, passes)
             sight = sight_of(scene, surfaces, pose, origin, batch_index, segment, max_slabs)
-        candidates.sight[candidate, k] = wp.uint8(sight)
+        sight_out[candidate, k] = wp.uint8(sight)
         k = k + threads
         if sight == NO_SEGMENT:
             k = steps + 1
@@ -209,8 +211,9 @@ def found_kernel(
     origin: wp.vec3d,
     begin: int,
     passes: int,
-    # scratch
     candidates: PathCandidates,
+    sight: wp.array2d[wp.uint8],
+    # scratch
     hits: HitBuffers,
     # out
     counts_out: wp.array[int],
@@ -219,7 +222,7 @@ def found_kernel(
 ):
     """Add each candidate of which all segments get through, past what does not count and through up to `passes` slabs.
 
-    `sight_kernel` has looked along the segments, up to the first without a path; candidates count from `begin`.
+    `sight` is of `sight_kernel`, up to the first segment without a path; candidates count from `begin`.
     Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, S), block_dim=64.
     """
     candidate, lane = wp.tid()
@@ -227,7 +230,7 @@ def found_kernel(
     if lane > 0 or steps < 0:
         return
     for k in range(steps + 1):
-        if candidates.sight[candidate, k] == wp.uint8(NO_SEGMENT):
+        if sight[candidate, k] == wp.uint8(NO_SEGMENT):
             return
     link = candidates.link[candidate]
     batch_index = ends.batch_index[link]
@@ -239,7 +242,7 @@ def found_kernel(
         before = point
         point = point_at(candidates, ends, candidate, k)
         length = length + wp.length(point - before)
-        if candidates.sight[candidate, k] == wp.uint8(BLOCKED):
+        if sight[candidate, k] == wp.uint8(BLOCKED):
             segment = segment_at(candidates, ends, wedges, pose, origin, batch_index, candidate, k)
             filled = pass_obstacles(
                 scene, surfaces, pose, origin, batch_index, segment, candidate, filled, max_slabs - (filled - k), hits

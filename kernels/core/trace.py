@@ -139,14 +139,9 @@ def closest_hit_raw_among(
 
 @wp.func
 def occluded_among(
-    scene: Scene,
-    batch_index: int,
-    origin: wp.vec3,
-    direction: wp.vec3,
-    t_max: float,
-    candidates: Candidates,
+    scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, candidates: Candidates,
     group: int,
-) -> bool:
+) -> bool:  # fmt: skip
     """Return whether anything lies on the ray before `t_max`; see `closest_hit_raw_among`. A negative group has no
     instances."""
     blocked = wp.bool(False)

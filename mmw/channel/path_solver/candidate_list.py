@@ -187,32 +187,34 @@ def _refine(
     scratch = search.borrow(*steps, ints, ints, vectors, vectors, is_scratch=True)
     names = [name for name in PathCandidates.vars if name != "is_curved"]
     if touched is None:
-        candidates = scratch.struct(PathCandidates, *names, *4 * (None,))
+        candidates = scratch.struct(PathCandidates, *names, *5 * (None,))
     else:  # a struct of its own: that of the block is used again
         candidates = PathCandidates()
         for name, array in zip(names, scratch.arrays, strict=False):
             setattr(candidates, name, array)
         candidates.point, candidates.normal = touched
         candidates.is_curved = True
+    sight = scratch.arrays[len(names)]
     hits = scratch.struct(HitBuffers, *len(steps) * (None,), "kind", "surface", "vertex", "normal")
     ends, flat, wedges = search.forward.ends, table.device, table.wedges.device
-    world = search.pose, vector(*scene.origin.tolist())
-    spread = thread_spread(device, count)
     which = listed, given, sights, begin, out.arrays[0]
-    arguments = [ends, flat, wedges, world[0], search.outlines, *which, candidates]
+    arguments = [ends, flat, wedges, search.pose, search.outlines, *which, candidates]
+    spread = thread_spread(device, count)
     search.launch(points_kernel, (count, spread), arguments, block_dim=64)
-    is_few = thread_spread(device, count * (depth + 1)) > 1
-    threads = depth + 1 if is_few else 1
-    arguments = [table.scene_struct(scene), ends, flat, wedges, *world]
-    shape = count, threads, thread_spread(device, count * threads)
+
     passes = config.max_depth if config.refraction else 0
-    search.launch(sight_kernel, shape, [*arguments, threads, passes, candidates], block_dim=64)
-    arguments += [begin, passes, candidates, hits, out.arrays[0]]
-    arguments += [
+    world = [table.scene_struct(scene), ends, flat, wedges, search.pose, vector(*scene.origin.tolist())]
+    segments = depth + 1
+    threads = segments if thread_spread(device, count * segments) > 1 else 1  # one for each segment where there is room
+    shape = count, threads, thread_spread(device, count * threads)
+    search.launch(sight_kernel, shape, [*world, threads, passes, candidates, sight], block_dim=64)
+
+    arguments = [*world, begin, passes, candidates, sight, hits, out.arrays[0]]
+    found = (
         out.struct(FoundPaths, None, "candidate", "link", "order", *4 * (None,)),
         out.struct(HitBuffers, *4 * (None,), "kind", "surface", "vertex", "normal"),
-    ]
-    search.launch(found_kernel, (count, spread), arguments, block_dim=64)
+    )
+    search.launch(found_kernel, (count, spread), [*arguments, *found], block_dim=64)
 
 
 def _traced(columns: list[np.ndarray], rows: np.ndarray | slice) -> TracedPaths:

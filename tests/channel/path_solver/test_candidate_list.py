@@ -49,6 +49,31 @@ def test_a_search_with_too_little_room_is_done_again(
     assert len(rounds) == 1, "the room that was enough is remembered"
 
 
+@pytest.mark.parametrize("spread", [1, 4])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"samples_per_tx": 5000, "max_depth": 3, "refraction": True},
+        {"samples_per_tx": 5000, "max_depth": 3, "diffraction": True, "links": ("v2v",)},
+    ],
+    ids=["slabs", "wedges"],
+)
+def test_segments_side_by_side_find_the_same_paths(
+    settings: dict, spread: int, monkeypatch: pytest.MonkeyPatch, device: str
+) -> None:
+    """A device with room has a thread for each segment of a candidate, others take them one after the other."""
+    data = traffic(driving(np.arange(4) * 0.01))
+    config = ChannelConfig(antennas=antenna_at({"cav": (0.2, 0.1, 2.5)}), **settings)
+    scene = loaded(data, device, [0, 1])
+    links = make_links(data, [0, 1], config)
+    table = make_surface_table(scene, **config.surface_options)
+    wanted = solve_paths(scene, links, config, data.materials, table)
+    monkeypatch.setattr(candidate_list, "thread_spread", lambda device, count: spread)
+    found = solve_paths(scene, links, config, data.materials, table)
+    assert wanted.order.max() > 1
+    assert_same_paths(wanted, found)
+
+
 @pytest.mark.parametrize(
     "settings",
     [
