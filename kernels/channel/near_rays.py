@@ -26,9 +26,9 @@ class NearRays:
     """Rays of transmitters at rest that pass the box of an instance, in `QUEUES` queues for each transmitter."""
 
     thread: wp.array2d[int]
-    """Thread of each ray, queues one after the other, shape [A, QUEUES * size]."""
+    """Thread of each ray, queues one after the other, shape [n, QUEUES * size]."""
     count: wp.array2d[int]
-    """Rays in each queue, shape [A, QUEUES]."""
+    """Rays in each queue, shape [n, QUEUES]."""
 
 
 @wp.kernel
@@ -41,6 +41,7 @@ def queue_kernel(
     stride: int,
     row_count: int,
     depth: int,
+    first_source: int,
     town: TownHits,
     # out
     near_out: NearRays,
@@ -50,10 +51,12 @@ def queue_kernel(
 ):
     """Follow rays whose hits of the town are known as far as they pass no box of an instance, and queue those that do.
 
-    The other arguments are those of `launch_kernel`; every transmitter has a row in `town`. The counts of `near_out`
-    start as zeros. Launch: dim=(A, row_count * stride), block_dim=64.
+    The other arguments are those of `launch_kernel`; every transmitter has a row in `town`. There are queues for some
+    transmitters from `first_source` on, of which the counts start as zeros.
+    Launch: dim=(transmitters with queues, row_count * stride), block_dim=64.
     """
-    source, thread = wp.tid()
+    own, thread = wp.tid()
+    source = first_source + own
     number = (thread % row_count) * stride + thread // row_count
     if number >= ray_count:
         return
@@ -67,14 +70,14 @@ def queue_kernel(
         if passes_instance_box(scene, batch_index[source], ray.position, ray.direction, near.t):
             queue = (thread // QUEUE_BLOCK) % QUEUES
             size = near_out.thread.shape[1] // QUEUES
-            place = queue * size + wp.atomic_add(near_out.count, source, queue, 1)
-            near_out.thread[source, place] = thread
+            place = queue * size + wp.atomic_add(near_out.count, own, queue, 1)
+            near_out.thread[own, place] = thread
             hit_count = depth
         elif near.face < 0:
             hit_count = depth
         else:
-            own = plane[surface_of(scene, near)]
-            parent = add_candidate(parent, own, hit_count, source, is_hit_out, keys_out, counts_out)
+            reflecting = plane[surface_of(scene, near)]
+            parent = add_candidate(parent, reflecting, hit_count, source, is_hit_out, keys_out, counts_out)
             if parent < 0:
                 hit_count = depth
             elif hit_count < depth:
@@ -92,6 +95,7 @@ def follow_queued_kernel(
     stride: int,
     row_count: int,
     depth: int,
+    first_source: int,
     queued: NearRays,
     # scratch
     town: TownHits,
@@ -100,15 +104,16 @@ def follow_queued_kernel(
     keys_out: wp.array[wp.uint64],
     counts_out: wp.array[int],
 ):
-    """Follow the rays in queues from their start, as `launch_kernel` does.
+    """Follow the rays in the queues of `queue_kernel` from their start, as `launch_kernel` does.
 
-    Launch: dim=(A, QUEUES * size), block_dim=64.
+    Launch: dim=(transmitters with queues, QUEUES * size), block_dim=64.
     """
-    source, place = wp.tid()
+    own, place = wp.tid()
     size = queued.thread.shape[1] // QUEUES
-    if place % size >= queued.count[source, place // size]:
+    if place % size >= queued.count[own, place // size]:
         return
-    thread = queued.thread[source, place]
+    source = first_source + own
+    thread = queued.thread[own, place]
     follow_ray(
         scene,
         batch_index,

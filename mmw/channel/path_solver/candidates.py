@@ -29,7 +29,7 @@ MAX_CELLS = 2**30
 """Cells of the largest table."""
 
 MAX_QUEUED = 2**24
-"""Most rays of a launch for whose queues there is memory, 4 bytes each; more are launched without. Design value."""
+"""Most rays of a launch that have queues, 4 bytes each: further transmitters are launched after it. Design value."""
 
 FIRST_CELLS = 2**15
 """Cells for each transmitter and each level below the first, until a launch needs more."""
@@ -237,7 +237,7 @@ def launch_rays(
     rows = () if kept is None else kept.rows([place.tobytes() for place in sources.origin])
     hits = _no_hits() if kept is None or not rows else kept.hits(rows)
     begin, out = sources.device[:2], [is_hit, keys, counts]
-    if rows and min(rows) >= 0 and has_queues(search.scene.device, len(sources) * rays):
+    if rows and min(rows) >= 0 and has_queues(search.scene.device):
         _launch_with_queues(search, len(sources), begin, (rays, depth), hits, out)
         return is_hit, counts
     for passes in patterns:
@@ -245,9 +245,9 @@ def launch_rays(
     return is_hit, counts
 
 
-def has_queues(device: str, rays: int) -> bool:
+def has_queues(device: str) -> bool:
     """Return whether rays that come near an instance are queued: a CPU takes each ray by itself."""
-    return wp.get_device(device).is_cuda and rays <= MAX_QUEUED
+    return wp.get_device(device).is_cuda
 
 
 def _launch(
@@ -279,14 +279,17 @@ def _launch_with_queues(
     _, stride, row_count = lattice = _lattice(rays)
     threads = row_count * stride
     size = -(-threads // (QUEUES * QUEUE_BLOCK)) * QUEUE_BLOCK
-    queued.thread = search.scratch((sources, QUEUES * size), wp.int32)
-    queued.count = search.scratch((sources, QUEUES), wp.int32)
-    queued.count.zero_()
+    at_once = min(sources, max(1, MAX_QUEUED // (QUEUES * size)))
+    queued.thread = search.scratch((at_once, QUEUES * size), wp.int32)
+    queued.count = search.scratch((at_once, QUEUES), wp.int32)
     scene, flat = table.scene_struct(search.scene), table.device
-    inputs = [scene, *begin, flat.plane, *lattice, depth, hits, queued]
-    search.launch(queue_kernel, (sources, threads), [*inputs, *out], block_dim=64)
-    inputs = [scene, *begin, flat.plane, flat.is_slab, *lattice, depth, queued, hits]
-    search.launch(follow_queued_kernel, (sources, QUEUES * size), [*inputs, *out], block_dim=64)
+    for first in range(0, sources, at_once):
+        queued.count.zero_()
+        count = min(at_once, sources - first)
+        inputs = [scene, *begin, flat.plane, *lattice, depth, first, hits, queued]
+        search.launch(queue_kernel, (count, threads), [*inputs, *out], block_dim=64)
+        inputs = [scene, *begin, flat.plane, flat.is_slab, *lattice, depth, first, queued, hits]
+        search.launch(follow_queued_kernel, (count, QUEUES * size), [*inputs, *out], block_dim=64)
 
 
 def _lattice(rays: int) -> tuple[int, int, int]:
