@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from mmw.core.packed_arrays import Layout, PackedArrays, padded_count, take_free
-from mmw.core.repeated_launch import launch_again
+from mmw.core.repeated_launch import RecordedLaunch, recorded_launch
 
 HOST = "cpu"
 """Warp device of the host."""
@@ -35,10 +35,13 @@ def run_on_host(
     """
     plan = _plan(kernel, tuple([values.shape for values in inputs]), outputs)
     block = take_free(plan.free) or _Block(plan)
+    if block.plan is not plan:
+        block.fit(plan)
     for view, values in zip(block.inputs, inputs, strict=True):
-        view[: len(values)] = values
-    launch_again(kernel, dim, [*block.before, *others, *block.behind], HOST)
-    made = [view[: shape[0]].copy() for view, shape in zip(block.outputs, outputs, strict=True)]
+        view[...] = values
+    if 0 not in dim:
+        block.launch(kernel, dim, others)
+    made = [view.copy() for view in block.outputs]
     if block.is_kept:
         plan.free.append(block)
     return made
@@ -52,6 +55,8 @@ class _Plan:
     """Shape and type of each."""
     groups: tuple[tuple[Any, int], ...]
     """Arguments that they are: a struct, or None for a single array, and the number of arrays."""
+    rows: tuple[int, ...]
+    """Rows of each array that are used."""
     input_count: int
     """Number of inputs; outputs follow."""
     free: "deque[_Block]"
@@ -59,20 +64,42 @@ class _Plan:
 
 
 class _Block:
-    """Memory of a plan, as arrays of the host and as arguments of the kernel."""
+    """Memory of a plan, as arrays of the host and as arguments of the kernel.
+
+    Attributes:
+        plan: The last plan, one of those with equal layouts.
+        inputs: Used rows of each input.
+        outputs: Used rows of each output.
+    """
 
     def __init__(self, plan: _Plan) -> None:
         self._arrays = PackedArrays(HOST, plan.layouts)
-        many = plan.input_count
-        self.inputs, self.outputs = self._arrays.host[:many], self._arrays.host[many:]
         self.is_kept = self._arrays.is_kept
-        self.before: list[Any] = []
-        self.behind: list[Any] = []
+        self._before: list[Any] = []
+        self._behind: list[Any] = []
+        self._launch: RecordedLaunch | None = None
         first = 0
         for struct, count in plan.groups:
             own = self._arrays.arrays[first : first + count]
-            (self.before if first < many else self.behind).append(own[0] if struct is None else _filled(struct, own))
+            side = self._before if first < plan.input_count else self._behind
+            side.append(own[0] if struct is None else _filled(struct, own))
             first += count
+        self.fit(plan)
+
+    def fit(self, plan: _Plan) -> None:
+        """Use the rows of a plan."""
+        views = [view[:count] for view, count in zip(self._arrays.host, plan.rows, strict=True)]
+        self.plan, self.inputs, self.outputs = plan, views[: plan.input_count], views[plan.input_count :]
+
+    def launch(self, kernel: wp.Kernel, dim: tuple[int, ...], others: Sequence[Any]) -> None:
+        """Launch the kernel of the plan, by a record of its own: only the other arguments can be new ones."""
+        arguments = [*self._before, *others, *self._behind]
+        if self._launch is None:
+            self._launch = recorded_launch(kernel, dim, arguments, HOST)
+            self._launch.keep_structs()
+        else:
+            self._launch.update(dim, others, len(self._before))
+        self._launch.run(arguments)
 
 
 def _filled(struct: Any, arrays: Sequence[wp.array]) -> Any:
@@ -100,7 +127,8 @@ def _plan(kernel: wp.Kernel, shapes: tuple[tuple[int, ...], ...], outputs: tuple
         ((padded_count(shape[0]), *shape[1:]) if shape[0] else shape, kind.dtype)
         for shape, kind in zip(shapes, (*kinds, *made), strict=True)
     )
-    return _Plan(layouts, (*before, *behind), len(kinds), _free.setdefault((kernel, layouts), deque()))
+    rows, groups = tuple(shape[0] for shape in shapes), (*before, *behind)
+    return _Plan(layouts, groups, rows, len(kinds), _free.setdefault((kernel, layouts), deque()))
 
 
 def _groups(types: Sequence[Any], count: int, *, is_last: bool = False) -> tuple[list[tuple[Any, int]], list[Any]]:
@@ -118,8 +146,7 @@ def _groups(types: Sequence[Any], count: int, *, is_last: bool = False) -> tuple
 
 def as_pairs(values: np.ndarray) -> np.ndarray:
     """Return complex numbers as pairs of real and imaginary part, a view if they are contiguous, [...] -> [..., 2]."""
-    values = np.ascontiguousarray(values, dtype=np.complex128)
-    return values.view(np.float64).reshape(*values.shape, 2)
+    return np.ascontiguousarray(values, dtype=np.complex128)[..., None].view(np.float64)
 
 
 def as_complex(pairs: np.ndarray) -> np.ndarray:

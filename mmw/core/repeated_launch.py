@@ -37,22 +37,25 @@ def launch_again(
     if launch is None:
         if 0 in dim:
             return
-        command = wp.launch(kernel, dim, inputs=arguments, device=device, block_dim=block_dim, record_cmd=True)
-        assert command is not None
-        is_host = command.device.is_cpu and command.block_dim == 1
-        launch = _launches.known[key] = (_HostLaunch if is_host else _Launch)(command, dim, arguments)
+        launch = _launches.known[key] = recorded_launch(kernel, dim, arguments, device, block_dim)
+    elif 0 in dim:
+        return
     else:
-        if launch.dim != dim:
-            if 0 in dim:
-                return
-            launch.resize(dim)
-        for index, (old, new) in enumerate(zip(launch.held, arguments, strict=True)):
-            if old is not new and not (old.__class__ is ref and old() is new):
-                launch.change(index, new)
+        launch.update(dim, arguments)
     launch.run(arguments)
 
 
-class _Launch:
+def recorded_launch(
+    kernel: wp.Kernel, dim: Sequence[int], arguments: Sequence[Any], device: str, block_dim: int | None = None
+) -> "RecordedLaunch":
+    """Return a launch that has not run, with the arguments of `launch_again`, not of size 0."""
+    command = wp.launch(kernel, dim, inputs=arguments, device=device, block_dim=block_dim, record_cmd=True)
+    assert command is not None
+    is_host = command.device.is_cpu and command.block_dim == 1
+    return (_HostLaunch if is_host else RecordedLaunch)(command, dim, arguments)
+
+
+class RecordedLaunch:
     """A recorded launch, with the size and arguments that it was given last.
 
     Attributes:
@@ -68,8 +71,21 @@ class _Launch:
         self.dim = dim
         self.held = [_held(value) for value in arguments]
 
+    def keep_structs(self) -> None:
+        """Take it that no field of a struct changes from here on."""
+
+    def update(self, dim: Sequence[int], arguments: Sequence[Any], first: int = 0) -> None:
+        """Take the size, which is not 0, and some arguments from `first` on of the next launch."""
+        if self.dim != dim:
+            self.resize(dim)
+        held = self.held
+        for index, new in enumerate(arguments, first):
+            old = held[index]
+            if old is not new and not (old.__class__ is ref and old() is new):
+                self.change(index, new)
+
     def run(self, arguments: Sequence[Any]) -> None:
-        """Launch."""
+        """Launch; the arguments are all that it has."""
         self._command.launch()
 
     def resize(self, dim: Sequence[int]) -> None:
@@ -96,11 +112,11 @@ class _Launch:
             self._command.params_addr[index + 1] = ctypes.addressof(packed)
 
 
-class _HostLaunch(_Launch):
+class _HostLaunch(RecordedLaunch):
     """A launch on the CPU: Warp calls a function with a structure of all arguments, which it makes for each launch."""
 
     def __init__(self, command: wp.Launch, dim: Sequence[int], arguments: Sequence[Any]) -> None:
-        """See `_Launch`; make the structure."""
+        """See `RecordedLaunch`; make the structure."""
         super().__init__(command, dim, arguments)
         packed = command.params[1:]
         names = [f"argument_{index}" for index in range(len(packed))]
@@ -116,13 +132,17 @@ class _HostLaunch(_Launch):
         self._reference = ctypes.byref(self._arguments)
         self._bounds = ctypes.byref(command.bounds)
 
+    def keep_structs(self) -> None:
+        """See `RecordedLaunch.keep_structs`."""
+        self._structs.clear()
+
     def resize(self, dim: Sequence[int]) -> None:
-        """See `_Launch.resize`."""
+        """See `RecordedLaunch.resize`."""
         super().resize(dim)
         self._bounds = ctypes.byref(self._command.bounds)
 
     def run(self, arguments: Sequence[Any]) -> None:
-        """See `_Launch.run`."""
+        """See `RecordedLaunch.run`."""
         command = self._command
         if command.device.is_capturing:  # Warp records the arguments themselves
             wp.launch(command.kernel, self.dim, inputs=arguments, device=command.device, block_dim=command.block_dim)
@@ -147,7 +167,7 @@ class _Launches(threading.local):
     """Launches of a thread, as it changes them."""
 
     def __init__(self) -> None:
-        self.known: dict[tuple[wp.Kernel, str, int | None], _Launch] = {}
+        self.known: dict[tuple[wp.Kernel, str, int | None], RecordedLaunch] = {}
 
 
 _launches = _Launches()
