@@ -34,23 +34,27 @@ class FramePaths:
             antennas: Name of each antenna, the same tuple in every frame.
             scenario: Name of the scenario.
         """
-        ends = np.array([links.tx_antenna, links.rx_antenna, links.tx_actor, links.rx_actor], dtype=np.int32)
-        rank, keys = _named_links(actors, antennas, ends.tobytes(), scenario, weather)
-        order = np.lexsort((rank, links.frame))
-        self._keys = keys[order]
-        self._keys["frame"] = links.frame[order]
-        in_order = bool((order[1:] > order[:-1]).all())  # as links of one rule are
-        count = (paths.count if in_order else paths.count[order]).astype(np.int64)
-        link, before = np.repeat(np.arange(len(order)), count), count.cumsum() - count
-        first = before[link]
-        index = np.arange(len(link)) - first  # within its link
-        path = slice(None) if in_order else (paths.count.cumsum() - paths.count)[order][link] + index
-        self._row = len(paths.carriers_hz) * first + index, count[link]
+        frame = links.frame - links.frame[:1]  # the same for one frame after the other
+        ends = np.array([links.tx_antenna, links.rx_antenna, links.tx_actor, links.rx_actor, frame], dtype=np.int32)
+        order, keys = _ordered_links(actors, antennas, ends.tobytes(), scenario, weather)
+        keys = keys.copy()
+        keys["frame"] = links.frame if order is None else links.frame[order]
+        if order is None:
+            count, path, link = paths.count.astype(np.int64), slice(None), paths.link.astype(np.int64)
+        else:
+            count = paths.count[order].astype(np.int64)
+            link = np.repeat(np.arange(len(order)), count)
+        first = (count.cumsum() - count).take(link)
+        number = np.arange(len(link))
+        if order is not None:
+            path = (paths.count.cumsum() - paths.count)[order][link] + number - first
+        self._row = (len(paths.carriers_hz) - 1) * first + number, count.take(link)
         self._carriers_hz, self._approach = paths.carriers_hz, -paths.range_rate[path]
         self._transfer, self._a = (_stored(values[weather][path]) for values in (paths.transfer, paths.a))
-        depth, tx = int(paths.order.max(initial=0)), links.tx.position[paths.link[path]]
+        depth, tx = int(paths.order.max(initial=0)), links.tx.position.take(paths.link[path], axis=0)
         vertex, tau = paths.vertex[path], paths.tau[path]
         self._columns = {
+            "keys": keys,
             "link": link,
             "is_los": paths.order[path] == 0,
             "tau": tau,
@@ -59,26 +63,30 @@ class FramePaths:
             "first_segment_m": first_segments(tx, vertex, tau),
             **{name: getattr(paths, name)[path] for name in _SAME_COLUMNS},
         }
+        for values in self._columns.values():
+            values.flags.writeable = False
 
     def at(self, carrier: int) -> CarrierPaths:
         """Return the paths at one carrier, bit for bit those of `CarrierPaths.from_table` of their rows.
 
-        `row` counts the rows of the view `paths`.
+        `row` counts the rows of the view `paths`. Arrays that are the same at every carrier are one, which is
+        read-only.
 
         Args:
             carrier: Row of the carrier in `paths.carriers_hz`.
         """
         row, count = self._row
         carrier_hz = float(self._carriers_hz[carrier])
-        return CarrierPaths(
+        found = object.__new__(CarrierPaths)  # what it would check follows from how the arrays were made
+        found.__dict__.update(
+            self._columns,
             carrier_hz=carrier_hz,
-            keys=self._keys.copy(),
             row=row + carrier * count,
             transfer=self._transfer[:, carrier].copy(),
             a=self._a[:, carrier].copy(),
             doppler_hz=self._approach * carrier_hz / SPEED_OF_LIGHT,
-            **{name: values.copy() for name, values in self._columns.items()},
         )
+        return found
 
 
 _SAME_COLUMNS = ("theta_t", "phi_t", "theta_r", "phi_r", "edge", "curvature")
@@ -91,23 +99,25 @@ def _stored(values: np.ndarray) -> np.ndarray:
 
 
 @remembered(owners=2, size=16)
-def _named_links(
+def _ordered_links(
     actors: tuple[str, ...], antennas: tuple[str, ...], ends: bytes, scenario: str, weather: str
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the place of each link among those of its frame, shape [L], and the keys without the frame, shape [L].
+) -> tuple[np.ndarray | None, np.ndarray]:
+    """Return the links in their order, shape [L], None where they are in it, and their keys without the frame, [L].
 
     Args:
         actors: Name of each actor.
         antennas: Name of each antenna.
-        ends: Antenna of transmitter and receiver, actor of both, of each link: int32, shape [4, L].
+        ends: Antenna of transmitter and receiver, actor of both, of each link, and its frame, counted from that of the
+            first link: int32, shape [5, L].
         scenario: Name of the scenario.
         weather: Weather of the gains.
     """
     (agent, of_agent), (antenna, of_antenna) = _ranked(actors), _ranked(antennas)
-    tx_antenna, rx_antenna, tx, rx = np.frombuffer(ends, dtype=np.int32).reshape(4, -1)
-    order = np.lexsort((of_antenna[tx_antenna], of_antenna[rx_antenna], of_agent[tx], of_agent[rx]))
-    rank, keys = np.empty(len(order), dtype=np.int64), np.empty(len(order), dtype=KEY_TYPE)
-    rank[order] = np.arange(len(order))
+    of_link = np.frombuffer(ends, dtype=np.int32).reshape(5, -1)
+    tx_antenna, rx_antenna, tx, rx, frame = of_link
+    order = np.lexsort((of_antenna[tx_antenna], of_antenna[rx_antenna], of_agent[tx], of_agent[rx], frame))
+    tx_antenna, rx_antenna, tx, rx, _ = of_link[:, order]
+    keys = np.empty(len(order), dtype=KEY_TYPE)
     keys["scenario"], keys["weather"] = scenario, weather
     keys["agent"], keys["peer"], keys["antenna"], keys["peer_antenna"] = (
         agent[rx],
@@ -115,7 +125,7 @@ def _named_links(
         antenna[rx_antenna],
         antenna[tx_antenna],
     )
-    return rank, keys
+    return order if (order[1:] < order[:-1]).any() else None, keys
 
 
 @remembered()

@@ -109,7 +109,7 @@ class CarrierPaths(PathSamples):
             raise InputError(
                 f"CarrierPaths: {lengths} paths, transfer {self.transfer.shape}; every array needs one row a path"
             )
-        is_growing = not (self.link[1:] < self.link[:-1]).any()
+        is_growing = not np.count_nonzero(self.link[1:] < self.link[:-1])
         if not is_growing or (len(self.link) and not 0 <= self.link[0] <= self.link[-1] < len(self.keys)):
             raise InputError(
                 f"CarrierPaths: link is not growing from 0 to {len(self.keys) - 1}; sort the paths by link"

@@ -49,9 +49,10 @@ def test_arrays_and_their_order_are_those_of_the_tables(settings: dict, names: t
     of_links = table_from_columns("links", {**fixed, **rows})
     view = path_table({**fixed, **path_rows(agents, links, paths, "sunny", config.antenna_names)})
     assert len(paths) > 0
+    of_frames = FramePaths(links, paths, "sunny", agents, config.antenna_names, "s")
     for column, carrier in enumerate(CARRIERS):
         expected = CarrierPaths.from_table(view, carrier, of_links)
-        found = FramePaths(links, paths, "sunny", agents, config.antenna_names, "s").at(column)
+        found = of_frames.at(column)
         _check_same(found, expected)
         for frame in frames:
             own = links.take(np.flatnonzero(links.frame == frame))
@@ -61,6 +62,11 @@ def test_arrays_and_their_order_are_those_of_the_tables(settings: dict, names: t
         parted = PathsByFrame(found, [5, 70, 2], len(CARRIERS))
         assert set(parted.of(1).keys["frame"]) == {70} and parted.of(0).link_count == len(parted.of(0)) == 0
         assert found.carrier_hz == carrier
+        assert {field.name for field in fields(CarrierPaths)} == set(vars(found))
+    one, other = (of_frames.at(column) for column in range(2))
+    shared = {name for name, values in vars(one).items() if values is getattr(other, name)}
+    assert shared == set(vars(one)) - {"carrier_hz", "row", "transfer", "a", "doppler_hz"}
+    assert not any(getattr(one, name).flags.writeable for name in shared)
 
 
 def _check_same(found: CarrierPaths, expected: CarrierPaths) -> None:

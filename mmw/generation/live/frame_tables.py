@@ -271,12 +271,12 @@ class FrameTables:
                 self._channel_of(batch, batch.surfaces)
         assert self._channel is not None
         (links, paths), (scenario, weather, _) = self._channel, self._where
-        carrier = np.flatnonzero(paths.carriers_hz == carrier_hz)
-        if not len(paths) or not len(carrier):
+        carriers_hz = paths.carriers_hz.tolist()
+        if not len(paths) or carrier_hz not in carriers_hz:
             return None
         if self._paths is None:
             self._paths = FramePaths(links, paths, weather, *self._names, scenario)
-        return self._paths.at(int(carrier[0]))
+        return self._paths.at(carriers_hz.index(carrier_hz))
 
     def _channel_of(self, batch: Batch, surfaces: SurfaceTable) -> tuple[Links, PathSet]:
         """Return the links and their paths, traced once."""
@@ -377,6 +377,8 @@ class LiveFrame(Frame):
 
     def paths(self, carrier_hz: float) -> CarrierPaths:
         """Return the paths of all links of this frame at a carrier [Hz].
+
+        Arrays that are the same at every carrier are one, which is read-only.
 
         Raises:
             InputError: If the frame has no paths at this carrier.
