@@ -72,10 +72,14 @@ class PathPoints:
 
     link: wp.array[int]
     """Link of each path, shape [P]."""
-    place: wp.array2d[wp.vec3d]
-    """Transmitter and receiver of each link [m], shape [L, 2]."""
-    velocity: wp.array2d[wp.vec3d]
-    """Their velocities [m/s], shape [L, 2]."""
+    tx: wp.array[wp.vec3d]
+    """Transmitter of each link [m], shape [L]."""
+    rx: wp.array[wp.vec3d]
+    """Receiver [m], shape [L]."""
+    tx_velocity: wp.array[wp.vec3d]
+    """Velocity of the transmitter [m/s], shape [L]."""
+    rx_velocity: wp.array[wp.vec3d]
+    """Velocity of the receiver [m/s], shape [L]."""
     kind: wp.array2d[int]
     """Kind of each interaction, 0 behind the last, shape [P, D]."""
     vertex: wp.array2d[wp.vec3d]
@@ -86,8 +90,12 @@ class PathPoints:
     """Unit vector along the edge of each diffraction, shape [P, D]; empty without any."""
     body: wp.array2d[int]
     """Body that carries each interaction, -1 for none, shape [P, D]; empty where nothing that paths meet moves."""
-    motion: wp.array2d[wp.vec3d]
-    """Place [m], velocity [m/s] and angular velocity [rad/s] of each body, shape [B, 3]."""
+    pose: wp.array[wp.transformd]
+    """Pose of each body, shape [B]."""
+    body_velocity: wp.array[wp.vec3d]
+    """Velocity of each body [m/s], shape [B]."""
+    body_rate: wp.array[wp.vec3d]
+    """Angular velocity of each body [rad/s], shape [B]."""
 
 
 @wp.struct
@@ -111,13 +119,13 @@ def range_rate(points: PathPoints, geometry: PathBases, path: int) -> wp.float64
     Source: first-order Doppler, Sionna RT 2.2 technical report.
     """
     link = points.link[path]
-    rate = -wp.dot(points.velocity[link, 0], geometry.ends[path, 0])
-    rate = rate - wp.dot(points.velocity[link, 1], geometry.ends[path, 1])
+    rate = -wp.dot(points.tx_velocity[link], geometry.ends[path, 0])
+    rate = rate - wp.dot(points.rx_velocity[link], geometry.ends[path, 1])
     for step in range(points.body.shape[1]):
         own = points.body[path, step]
         if own >= 0:
-            arm = points.vertex[path, step] - points.motion[own, 0]
-            moving = points.motion[own, 1] + wp.cross(points.motion[own, 2], arm)
+            arm = points.vertex[path, step] - wp.transform_get_translation(points.pose[own])
+            moving = points.body_velocity[own] + wp.cross(points.body_rate[own], arm)
             rate = rate + wp.dot(moving, geometry.direction[path, step] - geometry.direction[path, step + 1])
     return rate
 
@@ -131,10 +139,10 @@ def path_geometry_kernel(points: PathPoints, geometry_out: PathBases):
     for step in range(depth):
         if points.kind[path, step] != 0:
             order = order + 1
-    point = points.place[points.link[path], 0]
+    point = points.tx[points.link[path]]
     direction = wp.vec3d(ZERO, ZERO, ZERO)
     for step in range(depth + 1):
-        target = points.place[points.link[path], 1]
+        target = points.rx[points.link[path]]
         if step < order:
             target = points.vertex[path, step]
         span = target - point

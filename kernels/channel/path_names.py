@@ -1,4 +1,4 @@
-"""Name paths by a hash of their ends and interactions."""
+"""Name paths by a hash of their ends and interactions, and find what these are on."""
 
 import warp as wp
 
@@ -20,12 +20,16 @@ def mixed(value: wp.uint64, word: wp.int64) -> wp.uint64:
 
 @wp.struct
 class NamedSurfaces:
-    """Names of the G surfaces and W wedges of a scene."""
+    """The G surfaces and W wedges of a scene."""
 
     wall: wp.array[int]
     """Surface that names all of one plane or curved surface, shape [G]."""
     object_id: wp.array[int]
     """Object of each surface, shape [G]."""
+    material_id: wp.array[int]
+    """Material of each surface, shape [G]."""
+    owner: wp.array[int]
+    """Instance that each surface is part of, -1 for the town, shape [G]."""
     line: wp.array[int]
     """Wedge that names all of one line of edges, shape [W]."""
     face: wp.array[int]
@@ -48,18 +52,28 @@ class MetSurfaces:
     """Surface of each interaction, of a diffraction its wedge, shape [P, D]."""
     ray: wp.array[int]
     """Ray of a diffuse path, shape [P]."""
+    batch_index: wp.array[int]
+    """Position of the frame of each link in the batch, shape [L]."""
+    actor: wp.array[int]
+    """Actor that each instance belongs to, shape [V]."""
+
+
+@wp.struct
+class PathNames:
+    """Names of P paths and of what their interactions are on, as `mmw.channel.path_solver.path_names.PathNames`."""
+
+    path_id: wp.array[wp.int64]
+    kind: wp.array[wp.int8]
+    object_id: wp.array2d[int]
+    material_id: wp.array2d[int]
+    body: wp.array2d[int]
 
 
 @wp.kernel
-def path_name_kernel(
-    paths: MetSurfaces,
-    surfaces: NamedSurfaces,
-    id_out: wp.array[wp.int64],
-    object_out: wp.array2d[int],
-    kind_out: wp.array[wp.int8],
-):
-    """Write 63 bits that transmitter, receiver and the interactions of each path give, the object of each interaction,
-    and the kind of the path, a row of `mmw.channel.paths.PATH_KINDS`. Launch: dim=(P,).
+def path_name_kernel(paths: MetSurfaces, surfaces: NamedSurfaces, actors: int, names_out: PathNames):
+    """Write 63 bits that transmitter, receiver and the interactions of each path give, the kind of the path, a row of
+    `mmw.channel.paths.PATH_KINDS`, and what each interaction is on: its object, its material, and its body, which is
+    batch index times `actors` plus the actor. Launch: dim=(P,).
     """
     path = wp.tid()
     value = mixed(mixed(wp.uint64(0), paths.tx[paths.link[path]]), paths.rx[paths.link[path]])
@@ -68,6 +82,8 @@ def path_name_kernel(
         code = paths.kind[path, step]
         own = paths.surface[path, step]
         of_object = wp.int32(-1)
+        material = wp.int32(-1)
+        body = wp.int32(-1)
         if code != 0:
             face = wp.int32(own)
             name = wp.int32(own)
@@ -85,10 +101,15 @@ def path_name_kernel(
                 name = paths.ray[path]
                 highest = wp.max(highest, 3)
             of_object = surfaces.object_id[face]
+            material = surfaces.material_id[face]
+            if surfaces.owner[face] >= 0:
+                body = paths.batch_index[paths.link[path]] * actors + paths.actor[surfaces.owner[face]]
             value = mixed(mixed(value, wp.int64(code)), wp.int64(name))
-        object_out[path, step] = of_object
-    id_out[path] = wp.int64(value >> wp.uint64(1))
-    kind_out[path] = wp.int8(highest)
+        names_out.object_id[path, step] = of_object
+        names_out.material_id[path, step] = material
+        names_out.body[path, step] = body
+    names_out.path_id[path] = wp.int64(value >> wp.uint64(1))
+    names_out.kind[path] = wp.int8(highest)
 
 
 @wp.kernel

@@ -124,8 +124,8 @@ def is_same(paths: UnsortedPaths, one: int, other: int, apart: wp.float64) -> bo
 @wp.kernel
 def order_paths_kernel(
     paths: UnsortedPaths,
-    count: int,
     ends: PathEnds,
+    count: int,
     area: wp.array[wp.float64],
     origin: wp.vec3d,
     lift: wp.float64,

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -38,12 +37,12 @@ class Links:
     tx: RadioDevices
     rx: RadioDevices
 
-    @cached_property
+    @property
     def tx_number(self) -> np.ndarray:
         """Number of each transmitting antenna, one for every actor and antenna, shape [L], int64."""
         return _antenna_number(self.tx_actor, self.tx_antenna)
 
-    @cached_property
+    @property
     def rx_number(self) -> np.ndarray:
         """Number of each receiving antenna, one for every actor and antenna, shape [L], int64."""
         return _antenna_number(self.rx_actor, self.rx_antenna)
@@ -96,19 +95,26 @@ def make_links(arrays: SceneData, frames: Sequence[int], config: ChannelConfig, 
         ValueError: If the scene does not cover a frame.
     """
     rows = arrays.frame_rows(frames)
-    is_here = np.isfinite(arrays.poses[rows]).all(axis=2)
-    present = _present_links(arrays.actors, config, len(rows), is_here.tobytes())
+    is_finite = np.isfinite(arrays.poses.take(rows, axis=0))
+    present = _present_links(arrays.actors, config, len(rows), is_finite.tobytes())
     antennas = mounted_antennas(arrays, rows, present.row, present.actor, present.mounts, motion)
     middle = len(present.row) // 2
     tx, rx = antennas.take(slice(None, middle)), antennas.take(slice(middle, None))
-    return Links(np.array(frames, dtype=np.int32)[present.ends[0]], *present.ends, tx, rx)
+    return Links(np.array(frames, dtype=np.int32).take(present.ends[0]), *present.ends, tx, rx)
 
 
 @remembered(owners=2, size=32)
 def _present_links(actors: tuple[Actor, ...], config: ChannelConfig, frames: int, presence: bytes) -> _Present:
-    """Return the links of the agents that are present in each frame, the bytes of flags of shape [frames, actors]."""
+    """Return the links of the agents that are present in each frame.
+
+    Args:
+        actors: All actors.
+        config: Which links there are, and which antennas agents have.
+        frames: Number of frames.
+        presence: Bytes of flags, shape [frames, actors, 7]: whether a number of a pose is finite.
+    """
     table, mount = _plan(actors, config)
-    is_here = np.frombuffer(presence, dtype=bool).reshape(frames, -1)
+    is_here = np.logical_and.reduce(np.frombuffer(presence, dtype=bool).reshape(frames, -1, 7), axis=2)
     batch_index, row = np.nonzero(is_here[:, table[:, 1]] & is_here[:, table[:, 2]])
     kind, tx_actor, rx_actor, tx_antenna, rx_antenna = (np.ascontiguousarray(column) for column in table[row].T)
     ends = batch_index.astype(np.int32), kind.astype(np.int8), tx_actor, rx_actor, tx_antenna, rx_antenna

@@ -80,6 +80,10 @@ class Sampling(Section):
             return np.isin(frames, np.round(np.array(self.sample_times_s) * frame_rate_hz).astype(np.int64))
         return frames % self.period_frames(frame_rate_hz) == round(self.phase_s * frame_rate_hz)
 
+    def takes_all(self, frame_rate_hz: int) -> bool:
+        """Return whether every frame has a sample."""
+        return not self.sample_times_s and self.period_frames(frame_rate_hz) == 1
+
     def check_frames(self, where: str, frames: range, frame_rate_hz: int) -> None:
         """Check that the samples fall on frames of a scenario.
 

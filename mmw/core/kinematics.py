@@ -107,8 +107,8 @@ REACH_FRAMES = 4
 
 def window(rows: np.ndarray) -> slice:
     """Return the part of a recording on which the derivatives of some of its rows depend."""
-    first, last = (int(rows.min()), int(rows.max())) if len(rows) else (0, 0)
-    return slice(max(first - REACH_FRAMES, 0), last + REACH_FRAMES + 1)
+    listed = rows.tolist() or [0]
+    return slice(max(min(listed) - REACH_FRAMES, 0), max(listed) + REACH_FRAMES + 1)
 
 
 def differentiate_rows(
@@ -125,21 +125,22 @@ def differentiate_rows(
     Returns:
         Derivatives, shape [S, ..., 3].
     """
-    motion, at = motion_at(poses, rows, dt, known)
+    motion, at, _ = motion_at(poses, rows, dt, known)
     return Motion(motion.velocity[at], motion.acceleration[at], motion.body_rate[at], motion.world_rate[at])
 
 
 def motion_at(
     poses: np.ndarray, rows: np.ndarray, dt: float = FRAME_DT, known: Motion | None = None
-) -> tuple[Motion, np.ndarray]:
-    """Return derivatives of frames around some rows, and where each of the rows is among them, shape [S].
+) -> tuple[Motion, np.ndarray, slice]:
+    """Return derivatives of frames around some rows, where each of the rows is among them, shape [S], and the rows of
+    `poses` that they are of.
 
     Those at the rows are the ones of `differentiate_rows`, whose arguments these are.
     """
     part = window(rows)
     is_whole = part.start == 0 and part.stop >= len(poses)
     motion = known if is_whole and known is not None else differentiate(poses[part], dt)
-    return motion, rows - part.start
+    return motion, rows - part.start, part
 
 
 EXTRAPOLATION = {

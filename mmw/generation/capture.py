@@ -152,8 +152,10 @@ def channel_links(batch: Batch, frames: Sequence[int]) -> Links:
     config = batch.config.channel
     with batch.clock.stage("channel"):
         links = make_links(batch.arrays, frames, config, batch.motion)
+        if config.takes_all(batch.arrays.rate_hz):
+            return links
         is_due = config.is_due(batch.arrays.numbers(frames), batch.arrays.rate_hz)
-        return links if is_due.all() else links.take(np.flatnonzero(is_due[links.batch_index]))
+        return links.take(np.flatnonzero(is_due[links.batch_index]))
 
 
 def capture_channel(batch: Batch, surfaces: SurfaceTable, links: Links, collected: TableRows) -> None:

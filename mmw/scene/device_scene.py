@@ -215,11 +215,9 @@ class DeviceScene:
         Raises:
             ValueError: If a frame is not.
         """
-        loaded = np.asarray(self.batch_frames, dtype=np.int64)
-        is_loaded = (batch_index >= 0) & (batch_index < len(loaded))
-        is_loaded[is_loaded] = loaded[batch_index[is_loaded]] == frame[is_loaded]
-        if not is_loaded.all():
-            row = int(np.argmin(is_loaded))
+        loaded, wanted = set(enumerate(self.batch_frames)), list(zip(batch_index.tolist(), frame.tolist(), strict=True))
+        if not loaded.issuperset(wanted):
+            row = next(row for row, pair in enumerate(wanted) if pair not in loaded)
             raise ValueError(
                 f"{kind} {row}: frame {frame[row]} at batch index {batch_index[row]}; the scene holds frames "
                 f"{list(self.batch_frames[:8])}; call load_batch with the frames that the {kind}s were made for"

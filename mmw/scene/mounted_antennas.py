@@ -3,15 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-import warp as wp
 
 from mmw.config.agent_keys import Body
 from mmw.config.antennas import AntennaConfig
+from mmw.core.host_kernels import run_on_host
 from mmw.core.kinematics import Motion, motion_at
-from mmw.core.packed_arrays import borrow_arrays
-from mmw.core.repeated_launch import launch_again
 from mmw.core.transforms import pose_from_mount, quaternion_to_matrix
-from mmw.kernels.core.mounted_antennas import AntennaStates, MountedAntennas, mounted_antennas_kernel
+from mmw.kernels.core.mounted_antennas import mounted_antennas_kernel
 from mmw.scene.scene_data import SceneData
 
 
@@ -76,20 +74,12 @@ def mounted_antennas(
         mounts: Where each is on its actor.
         motion: Derivatives of all `poses` of the scene, if they are known.
     """
-    motion, at = motion_at(arrays.poses, rows, arrays.pose_dt, motion)
-    place = at[row], actor
-    given = arrays.poses[rows[row], actor], motion.velocity[place], motion.world_rate[place], mounts.place
-    vectors, count = ((len(actor),), wp.vec3d), len(actor)
-    block = borrow_arrays(
-        "cpu", ((count,), wp.transformd), vectors, vectors, vectors, vectors, ((count,), wp.mat33d), vectors
-    )
-    for target, values in zip(block.host, given, strict=False):
-        target[...] = values
-    own = block.struct(MountedAntennas, *MountedAntennas.vars, *3 * (None,))
-    states = block.struct(AntennaStates, *4 * (None,), *AntennaStates.vars)
-    launch_again(mounted_antennas_kernel, (count,), [own, states], "cpu")
-    position, rotation, velocity = (values.copy() for values in block.host[len(given) :])
-    block.release()
+    motion, at, part = motion_at(arrays.poses, rows, arrays.pose_dt, motion)
+    body = at.take(row) * arrays.poses.shape[1] + actor
+    moving = (arrays.poses[part], 7), (motion.velocity, 3), (motion.world_rate, 3)
+    given = *(values.reshape(-1, size).take(body, axis=0) for values, size in moving), mounts.place
+    count = (len(actor),)
+    position, rotation, velocity = run_on_host(mounted_antennas_kernel, count, given, (), (count, count, count))
     if len(mounts.turned):  # others keep the bits of the actor's rotation
         rotation[mounts.turned] = rotation[mounts.turned] @ mounts.rotation
     return RadioDevices(position, rotation, velocity)

@@ -217,7 +217,7 @@ class SceneData:
 
     def frame_rows(self, frames: ArrayLike) -> np.ndarray:
         """Return the rows of `poses` that hold some frames, int64; errors as of `frame_row`."""
-        if isinstance(frames, Sequence) and len(frames) == 1:
+        if isinstance(frames, (tuple, list, range)) and len(frames) == 1:
             return np.array([self.frame_row(int(frames[0]))])
         found = np.asarray(frames, dtype=np.int64)
         outside = (found < self.frames.start) | (found >= self.frames.stop)

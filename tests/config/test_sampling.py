@@ -28,7 +28,9 @@ def configuration(frames: dict, **more: Any) -> Config:
     ],
 )
 def test_frames_that_have_a_sample(keys: dict, rate: int, due: list[int]) -> None:
-    assert np.flatnonzero(Sampling(**keys).is_due(range(12), rate)).tolist() == due
+    sampling = Sampling(**keys)
+    assert np.flatnonzero(sampling.is_due(range(12), rate)).tolist() == due
+    assert sampling.takes_all(rate) == (len(due) == 12)
 
 
 def test_without_a_rate_every_frame_has_a_sample() -> None:

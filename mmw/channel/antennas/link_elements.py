@@ -94,9 +94,10 @@ class LinkElements:
             link: Link of each path, shape [P].
         """
         if len(link) and len(self.tx.arrays) == len(self.rx.arrays) == 1 and self.tx.arrays[0] is self.rx.arrays[0]:
-            turns = np.array([tx_rotation, rx_rotation]).swapaxes(0, 1)[link].reshape(-1, 3, 3)
-            angles = geometry.angles.reshape(-1, 2)
-            both = _first_field(self.tx.arrays[0], geometry.ends.reshape(-1, 3), (angles[:, 0], angles[:, 1]), turns)
+            turns, angles = np.empty((len(link), 2, 3, 3)), geometry.angles.reshape(-1, 2)
+            turns[:, 0], turns[:, 1] = tx_rotation.take(link, axis=0), rx_rotation.take(link, axis=0)
+            given = geometry.ends.reshape(-1, 3), (angles[:, 0], angles[:, 1]), turns.reshape(-1, 3, 3)
+            both = _first_field(self.tx.arrays[0], *given)
             return both.reshape(-1, 2, 2)
         departing, arriving = (geometry.theta_t, geometry.phi_t), (geometry.theta_r, geometry.phi_r)
         transmit = self.tx.field(geometry.departure, departing, tx_rotation, link)

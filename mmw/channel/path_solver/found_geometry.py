@@ -1,11 +1,11 @@
-"""Describe traced paths for the field: lengths, directions, and what they meet on their way."""
+"""Describe traced paths for the field: lengths, directions, names, and what they meet on their way."""
 
 import numpy as np
 
+from mmw.channel.path_solver.path_names import PathNames, path_names
 from mmw.channel.path_solver.search import Search
-from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import TracedPaths
-from mmw.core.kinematics import Motion, differentiate_rows
+from mmw.core.kinematics import Motion, motion_at
 from mmw.core.transforms import rotate
 from mmw.physics.em.diffraction import WedgeHits
 from mmw.physics.em.field import MovingBodies, PathGeometry, path_geometry
@@ -17,24 +17,25 @@ from mmw.physics.em.vectors import dot, norm
 
 def found_geometry(
     search: Search, found: TracedPaths, motion: Motion | None = None
-) -> tuple[PathGeometry, Interactions]:
-    """Return the geometry of found paths, and their interactions.
+) -> tuple[PathGeometry, Interactions, PathNames]:
+    """Return the geometry of found paths, their interactions, and their names.
 
     Args:
         search: Input of the search.
         found: The paths.
         motion: Derivatives of all poses of the scene, if they are known.
     """
-    links, table = search.links, search.table
+    links, table, kinds = search.links, search.table, found.kinds
     wedges, rough, edge = _NO_WEDGES, _NO_ROUGH, None
-    sides = np.zeros((0, 2), dtype=np.int32)
-    if found.kinds & DIFFRACTION:
+    wedge_material = sides = _NO_SIDES
+    if kinds & DIFFRACTION:
         wedges = _wedge_hits(search, found)
         edge = np.zeros_like(found.vertex)
         edge[wedges.path, wedges.step] = wedges.edge
         wedge = found.surface[wedges.path, wedges.step]
         sides = np.stack([table.wedges.surface_0[wedge], table.wedges.surface_n[wedge]], axis=1)
-    if found.kinds & DIFFUSE:
+        wedge_material = table.material_id[sides]
+    if kinds & DIFFUSE:
         path, step = np.nonzero(found.kind == DIFFUSE)
         rough = ScatteringPoints(path, step, found.normal[path, step], found.solid_angle[path], found.ray[path] < -1)
     width = None
@@ -42,21 +43,15 @@ def found_geometry(
         width = table.outlines.width[table.outlines.of_plane[table.plane[sides]]]
         if table.curved is not None:
             width[table.curved.is_curved[sides]] = np.inf  # a facet is no mirror of its own
-    face, place, velocity = first_faces(found, table), np.empty((len(links), 2, 3)), np.empty((len(links), 2, 3))
-    for column, end in enumerate((links.tx, links.rx)):
-        place[:, column], velocity[:, column] = end.position, end.velocity
-    bodies = _moving_bodies(search, found, face, motion)
+    names = path_names(links, found.link, found.kind, found.surface, found.ray, table, search.scene)
+    place, velocity = (links.tx.position, links.rx.position), (links.tx.velocity, links.rx.velocity)
     points = found.kind, found.vertex, found.normal, edge
-    return path_geometry(found.link, place, velocity, *points, bodies), Interactions(
-        material_id=gather(table.material_id, face, found.kind != 0),
-        wedges=wedges,
-        wedge_material=table.material_id[sides],
-        wedge_width=width,
-        rough=rough,
-    )
+    geometry = path_geometry(found.link, place, velocity, *points, _moving_bodies(search, names.body, motion))
+    return geometry, Interactions(names.material_id, wedges, wedge_material, width, rough), names
 
 
 _NO_WEDGES = WedgeHits(*np.zeros((2, 0), dtype=np.int64), *np.zeros((4, 0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
+_NO_SIDES = np.zeros((0, 2), dtype=np.int32)
 _NO_ROUGH = ScatteringPoints(*np.zeros((2, 0), dtype=np.int64), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=bool))
 
 
@@ -78,33 +73,12 @@ def _wedge_hits(search: Search, found: TracedPaths) -> WedgeHits:
     return WedgeHits(path, step, edge, *normals, at, wedges.is_curved[wedge])
 
 
-def _moving_bodies(search: Search, found: TracedPaths, face: np.ndarray, motion: Motion | None) -> MovingBodies | None:
-    """Return the bodies that carry the interactions of paths, on the surfaces `face` [P, D]; None if none moves."""
-    scene, table = search.scene, search.table
-    if not len(table) or not len(scene.instance_actor):
+def _moving_bodies(search: Search, body: np.ndarray, motion: Motion | None) -> MovingBodies | None:
+    """Return the bodies that carry interactions, `body` of `PathNames`; None if none does."""
+    if body.max(initial=-1) < 0:
         return None
-    owner = gather(table.owner, face, found.kind != 0)
-    if owner.max(initial=-1) < 0:
-        return None
-    arrays = scene.arrays
-    rows = np.array([arrays.frame_row(frame) for frame in scene.batch_frames], dtype=np.int64)
-    motion = differentiate_rows(arrays.poses, rows, arrays.pose_dt, motion)
-    first = search.links.batch_index[found.link] * arrays.poses.shape[1]
-    body = np.where(owner >= 0, first[:, None] + scene.instance_actor[owner], -1)
-    parts = arrays.poses[rows, :, :3], motion.velocity, motion.world_rate
-    return MovingBodies(body, np.stack(parts, axis=2).reshape(-1, 3, 3))
-
-
-def first_faces(found: TracedPaths, table: SurfaceTable) -> np.ndarray:
-    """Return the surface of each interaction, for a diffraction the first face of its wedge, shape [P, D]."""
-    if not found.kinds & DIFFRACTION:
-        return found.surface
-    is_diffracted = found.kind == DIFFRACTION
-    return np.where(is_diffracted, table.wedges.surface_0[np.where(is_diffracted, found.surface, 0)], found.surface)
-
-
-def gather(values: np.ndarray, row: np.ndarray, is_there: np.ndarray) -> np.ndarray:
-    """Return values[row] where there is something, -1 elsewhere, int32."""
-    if not len(values):
-        return np.full(row.shape, -1, dtype=np.int32)
-    return np.where(is_there, values[row * is_there], np.int32(-1))
+    arrays = search.scene.arrays
+    motion, at, _ = motion_at(arrays.poses, search.rows, arrays.pose_dt, motion)
+    moving = arrays.poses.take(search.rows, axis=0).reshape(-1, 7)
+    rates = (values.take(at, axis=0).reshape(-1, 3) for values in (motion.velocity, motion.world_rate))
+    return MovingBodies(body, moving, *rates)

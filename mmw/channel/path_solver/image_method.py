@@ -65,7 +65,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
         paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     if not len(paths):
         return paths
-    paths = TracedPaths(search.order[paths.link], *paths.columns[1:])
+    paths = TracedPaths(search.order.take(paths.link), *paths.columns[1:])
     return paths.take(rows_to_keep(paths, links, table.host_area, search.scene.origin))
 
 

@@ -1,16 +1,19 @@
 """Trace links of both directions once: find the unique ones and add their reverse."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from mmw.channel.links import Links
-from mmw.channel.path_solver.path_names import path_names
+from mmw.channel.path_solver.path_names import path_names, tell_apart
 from mmw.channel.path_solver.surface_table import SurfaceTable
 from mmw.channel.path_solver.traced_paths import reverse_columns
 from mmw.channel.paths import PathSet
 from mmw.config import ChannelConfig
+from mmw.core.remember import remembered
 from mmw.physics.em.interaction import TRANSMISSION
+from mmw.scene.device_scene import DeviceScene
 
 
 def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.ndarray]:
@@ -28,9 +31,9 @@ def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.nd
         Rows of `links` to trace, shape [T]; and the row, among those, that each link is the reverse of, -1 for a link
         that is traced itself, shape [L].
     """
+    if _are_one_way(links.tx_actor, links.tx_antenna, links.rx_actor, links.rx_antenna):
+        return all_links(len(links))
     tx, rx = links.tx_number, links.rx_number
-    if set(tx.tolist()).isdisjoint(rx.tolist()):  # no antenna is an end of both kinds
-        return all_links(links)
     order = np.lexsort((tx, np.maximum(tx, rx), np.minimum(tx, rx), links.batch_index))
     first, second = order[:-1], order[1:]
     polarization = np.array([antenna.polarization for antenna in config.antennas])
@@ -49,9 +52,19 @@ def unique_links(links: Links, config: ChannelConfig) -> tuple[np.ndarray, np.nd
     return traced, np.where(reverse_of >= 0, number[reverse_of], -1)
 
 
-def all_links(links: Links) -> tuple[np.ndarray, np.ndarray]:
+@remembered(owners=4, size=16)
+def _are_one_way(tx_actor: np.ndarray, tx_antenna: np.ndarray, rx_actor: np.ndarray, rx_antenna: np.ndarray) -> bool:
+    """Return whether no antenna is an end of both kinds; these fields of links stay while the same agents are there."""
+    tx, rx = (
+        {*zip(*map(np.ndarray.tolist, end), strict=True)} for end in ((tx_actor, tx_antenna), (rx_actor, rx_antenna))
+    )
+    return tx.isdisjoint(rx)
+
+
+@lru_cache(16)
+def all_links(count: int) -> tuple[np.ndarray, np.ndarray]:
     """Return what `unique_links` does where no link is the reverse of another one."""
-    return np.arange(len(links)), np.full(len(links), -1)
+    return np.arange(count), np.full(count, -1)
 
 
 def add_reversed_links(
@@ -61,6 +74,7 @@ def add_reversed_links(
     reverse_of: np.ndarray,
     table: SurfaceTable,
     rank_by: np.ndarray,
+    scene: DeviceScene,
 ) -> PathSet:
     """Return the paths of all links from those of the traced ones.
 
@@ -74,6 +88,7 @@ def add_reversed_links(
         reverse_of: Row of the traced link that each link is the reverse of, from `unique_links`.
         table: Surfaces of the scene.
         rank_by: Value by which paths of one name are numbered, lowest first, shape [P].
+        scene: The scene.
     """
     backward = np.flatnonzero(reverse_of >= 0)
     begin = np.cumsum(paths.count) - paths.count
@@ -97,8 +112,8 @@ def add_reversed_links(
     for name in ("kind", "order", "edge", "curvature", "tau", "range_rate"):
         joined[name] = getattr(paths, name)[own]
     surface, no_ray = joined["surface"][len(paths) :], np.full(len(link), -1)
-    back = path_names(links, link, interaction, surface, no_ray, table, rank_by[row])
-    joined["path_id"] = np.concatenate([paths.path_id, back.path_id])
+    back = path_names(links, link, interaction, surface, no_ray, table, scene)
+    joined["path_id"] = np.concatenate([paths.path_id, tell_apart(back.path_id, link, rank_by[row])])
     depth = interaction.shape[1]
     keys = [joined["surface"][:, k] for k in reversed(range(depth))]
     keys += [joined["interaction"][:, k] for k in reversed(range(depth))]

@@ -96,6 +96,7 @@ class Search:
         table: Surfaces of the scene, with their wedges if diffraction is wanted.
         host_pose: Instance-to-world poses with unit quaternions, shape [S, V, 7]; NaN for absent instances.
         outlines: Outlines of the planes on the device, empty where surfaces are infinite.
+        rows: Row of `scene.arrays.poses` of each frame of the batch, shape [S].
         order: Row of each link in the order of the transmitters, shape [L].
         sources: The transmitters.
     """
@@ -108,8 +109,8 @@ class Search:
         self._kept: KeptArrays | None = None
         self._is_recording = False
         self.outlines = table.outlines_on_device(scene.device, config.carriers_hz)
-        self._rows = np.array([scene.arrays.frame_row(frame) for frame in scene.batch_frames])
-        self._shape = len(links), (len(self._rows), len(scene.instance_actor))
+        self.rows = scene.arrays.frame_rows(scene.batch_frames)
+        self._shape = len(links), (len(self.rows), len(scene.instance_actor))
         free = table.workspaces.get(self._shape)
         self._space = free.pop() if free else Workspace(scene.device, *self._shape)
         ends = links.batch_index, links.tx.position, links.rx.position
@@ -259,13 +260,13 @@ class Search:
     ) -> SortedLinks:
         """Return `sort` in blocks of a workspace, without the upload."""
         scene = self.scene
-        inputs = batch_index, tx, rx, scene.arrays.poses[self._rows[:, None], scene.instance_actor]
+        inputs = batch_index, tx, rx, scene.arrays.poses.take(self.rows, axis=0).take(scene.instance_actor, axis=1)
         for target, values in zip(given.host, inputs, strict=False):
             target[...] = values
         arguments = [
-            given.struct(GivenLinks, *GivenLinks.vars, *4 * (None,)),
+            given.struct(GivenLinks, *_GIVEN),
             vector(*scene.origin.tolist()),
-            given.struct(LinkOrder, *4 * (None,), *LinkOrder.vars),
+            given.struct(LinkOrder, *_ORDER),
             links.struct(OrderedLinks, *OrderedLinks.vars, on_host=True),
         ]
         launch_again(order_links_kernel, (1,), arguments, "cpu")
@@ -281,10 +282,17 @@ class Search:
                 first_link[: number + 1],
                 tuple(links.arrays[4:8]),
             ),
-            links.struct(LinkEnds, *LinkEnds.vars, *5 * (None,)),
+            links.struct(LinkEnds, *_ENDS),
             host_pose,
             links.arrays[-1],
         )
+
+
+_GIVEN, _ORDER = (*GivenLinks.vars, *4 * (None,)), (*4 * (None,), *LinkOrder.vars)
+"""Fields of structs for each array of `given_layouts`."""
+
+_ENDS = (*LinkEnds.vars, *5 * (None,))
+"""Fields of a struct for each array of `ordered_layouts`."""
 
 
 @cache

@@ -9,7 +9,7 @@ from mmw.channel.links import Links
 from mmw.channel.path_solver.finite_shares import finite_shares, weakest_shares
 from mmw.channel.path_solver.found_geometry import found_geometry
 from mmw.channel.path_solver.image_method import trace_paths
-from mmw.channel.path_solver.path_names import path_names
+from mmw.channel.path_solver.path_names import tell_apart
 from mmw.channel.path_solver.reciprocity import add_reversed_links, all_links, unique_links
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable, make_surface_table
@@ -85,7 +85,7 @@ def trace_links(
     if config.foliage != (table.foliage is not None):
         raise ValueError(f"channel.foliage: the surface table is another one; make it with foliage={config.foliage}")
     is_shared = is_reciprocal and config.is_reciprocal
-    traced, reverse_of = unique_links(links, config) if is_shared else all_links(links)
+    traced, reverse_of = unique_links(links, config) if is_shared else all_links(len(links))
     is_whole, is_pair = len(traced) == len(links), None
     if not is_whole:
         is_pair = np.zeros(len(traced), dtype=bool)
@@ -97,25 +97,25 @@ def trace_links(
         found = trace_paths(search, is_pair)
     finally:
         search.release()
-    geometry, interactions = found_geometry(search, found, motion)
+    geometry, interactions, names = found_geometry(search, found, motion)
     if config.diffraction and not config.diffraction_lit_region:
         lit = interactions.wedges.path[is_lit(geometry, interactions.wedges)]
         keep = np.setdiff1d(np.arange(len(found)), lit)
-        found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
+        found, geometry, interactions, names = (part.take(keep) for part in (found, geometry, interactions, names))
     share = mixed = curvature = None
     if table.outlines is not None:
         share, mixed, curvature = finite_shares(
             search, found, geometry, interactions.wedges, table.outlines, config.carriers_hz
         )
         keep = np.flatnonzero(np.abs(share).max(axis=1, initial=0.0) >= weakest_shares(found, table))
-        found, geometry, interactions = found.take(keep), geometry.take(keep), interactions.take(keep)
+        found, geometry, interactions, names = (part.take(keep) for part in (found, geometry, interactions, names))
         share, mixed, curvature = share[keep], mixed.take(keep), curvature[keep]
     inside = np.zeros(len(found))
     if table.foliage is not None:
         ends = (end.position[found.link] for end in (search.links.tx, search.links.rx))
         inside = table.foliage.lengths_inside(scene, *ends, found)
     shape = share, mixed, curvature
-    return Trace(search, found, geometry, interactions, inside, links, traced, reverse_of, *shape)
+    return Trace(search, found, geometry, interactions, names, inside, links, traced, reverse_of, *shape)
 
 
 def path_gains(
@@ -144,7 +144,7 @@ def path_gains(
     own = elements if is_whole else elements.take(trace.traced)
     if config.dynamic_range_db is not None:
         trace = without_weak_wedges(trace, config, materials, air, own, diffraction_model)
-    search, found, geometry = trace.search, trace.found, trace.geometry
+    search, found, geometry, names = trace.search, trace.found, trace.geometry, trace.names
     links, table = search.links, search.table
     terms = wedge_terms_of(geometry, trace.interactions, config.carriers_hz, diffraction_model)
     transfer, a, loss_db = _gains(trace, config, materials, air, own, diffraction_model, terms)
@@ -152,17 +152,22 @@ def path_gains(
     paths = PathSet(
         carriers_hz=np.array(config.carriers_hz),
         link=found.link,
-        **vars(path_names(links, found.link, found.kind, found.surface, found.ray, table, rank_by)),
+        path_id=tell_apart(names.path_id, found.link, rank_by),
+        kind=names.kind,
         order=found.order.astype(np.int8),
         interaction=found.kind.astype(np.int8),
         surface=found.surface,
-        material_id=trace.interactions.material_id,
+        object_id=names.object_id,
+        material_id=names.material_id,
         vertex=found.vertex,
         normal=found.normal,
         edge=_edges(len(found), trace.interactions.wedges),
         curvature=np.full((len(found), 6), np.nan) if trace.curvature is None else trace.curvature,
         tau=geometry.length / SPEED_OF_LIGHT,
-        **{name: getattr(geometry, name) for name in ("theta_t", "phi_t", "theta_r", "phi_r")},
+        theta_t=geometry.theta_t,
+        phi_t=geometry.phi_t,
+        theta_r=geometry.theta_r,
+        phi_r=geometry.phi_r,
         range_rate=geometry.range_rate,
         count=np.bincount(found.link, minlength=len(links)).astype(np.int32),
         transfer=transfer,
@@ -174,7 +179,7 @@ def path_gains(
         paths, rank_by = paths.take(rows), rank_by[rows]
     if is_whole:
         return paths
-    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table, rank_by)
+    return add_reversed_links(paths, trace.links, trace.traced, trace.reverse_of, table, rank_by, search.scene)
 
 
 def _ranked_by(

@@ -90,11 +90,10 @@ class SurfaceTable:
     @cached_property
     def names_on_host(self) -> NamedSurfaces:
         """Names of surfaces and wedges for kernels of the host."""
-        names = NamedSurfaces()
-        names.wall, names.object_id, names.line, names.face = (
-            wp.array(values, dtype=wp.int32, device=HOST)
-            for values in (self.wall, self.object_id, self.wedges.line, self.wedges.surface_0)
-        )
+        names, wedges = NamedSurfaces(), self.wedges
+        own = self.wall, self.object_id, self.material_id, self.owner, wedges.line, wedges.surface_0
+        for name, values in zip(NamedSurfaces.vars, own, strict=True):
+            setattr(names, name, wp.array(values, dtype=wp.int32, device=HOST))
         return names
 
     @cached_property

@@ -7,6 +7,7 @@ import numpy as np
 from mmw.channel.antennas.link_elements import LinkElements
 from mmw.channel.links import Links
 from mmw.channel.path_solver.mixed_walls import MixedWalls
+from mmw.channel.path_solver.path_names import PathNames
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.channel.paths import AIR_LOSSES
@@ -28,6 +29,7 @@ class Trace:
     found: TracedPaths
     geometry: PathGeometry
     interactions: Interactions
+    names: PathNames
     foliage_m: np.ndarray
     """Length of each path inside foliage that waves pass [m], shape [P]."""
     links: Links
@@ -50,6 +52,7 @@ class Trace:
             found=self.found.take(rows),
             geometry=self.geometry.take(rows),
             interactions=self.interactions.take(rows),
+            names=self.names.take(rows),
             foliage_m=self.foliage_m[rows],
             share=None if self.share is None else self.share[rows],
             mixed=None if self.mixed is None else self.mixed.take(rows),
@@ -71,12 +74,12 @@ def losses_db(
     if air is None:
         losses = {name: np.zeros((len(trace.found), len(carriers_hz))) for name in AIR_LOSSES}
     else:
-        elevation, tilt = np.pi / 2 - trace.geometry.theta_t, VERTICAL_TILT
-        if air.rain_mm_h > 0.0:  # the only loss that depends on it
-            tilt = elements.tx.tilt[trace.found.link]
-        losses = path_loss_db(air, carriers_hz, trace.geometry.length, elevation, tilt)
+        directions = 0.0, VERTICAL_TILT
+        if air.rain_mm_h > 0.0:  # the only loss that depends on them
+            directions = np.pi / 2 - trace.geometry.theta_t, elements.tx.tilt[trace.found.link]
+        losses = path_loss_db(air, carriers_hz, trace.geometry.length, *directions)
     is_clear = trace.search.table.foliage is None
-    foliage = np.zeros_like(losses["gas_db"]) if is_clear else foliage_loss_db(carriers_hz, trace.foliage_m)
+    foliage = np.zeros(losses["gas_db"].shape) if is_clear else foliage_loss_db(carriers_hz, trace.foliage_m)
     return {**losses, "foliage_db": foliage}
 
 

@@ -1,7 +1,7 @@
 """Hold the geometry of traced paths, and allocate the device buffers that tracing fills."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 import warp as wp
@@ -36,19 +36,19 @@ class TracedPaths:
     def __len__(self) -> int:
         return len(self.link)
 
-    @cached_property
+    @property
     def kinds(self) -> int:
         """All kinds of interactions that there are: their numbers are bits."""
         return int(np.bitwise_or.reduce(self.kind, axis=None))
 
     @property
-    def columns(self) -> list[np.ndarray]:
+    def columns(self) -> tuple[np.ndarray, ...]:
         """Values of all fields."""
-        return [getattr(self, name) for name in self.__dataclass_fields__]
+        return _COLUMNS(self)
 
     def take(self, rows: np.ndarray) -> "TracedPaths":
-        """Return some of the paths."""
-        return TracedPaths(*(values[rows] for values in self.columns))
+        """Return some of the paths, by their numbers."""
+        return TracedPaths(*[values.take(rows, axis=0) for values in self.columns])
 
     def reverse(self, link: np.ndarray) -> "TracedPaths":
         """Return diffuse paths of the transmitters' rays as paths of the receivers' rays of other links, shape [P]."""
@@ -60,6 +60,9 @@ class TracedPaths:
         return TracedPaths(
             link.astype(np.int32), self.order, kind, surface, vertex, normal, -2 - self.ray, self.solid_angle
         )
+
+
+_COLUMNS = attrgetter(*TracedPaths.__dataclass_fields__)
 
 
 def reverse_columns(values: np.ndarray, count: np.ndarray, fill: float) -> np.ndarray:

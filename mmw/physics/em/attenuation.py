@@ -119,7 +119,7 @@ def path_loss_db(
     weather: Weather,
     carriers_hz: ArrayLike,
     length_m: np.ndarray,
-    elevation: np.ndarray,
+    elevation: ArrayLike,
     tilt: ArrayLike = VERTICAL_TILT,
 ) -> dict[str, np.ndarray]:
     """Return the one-way losses of each path in rain, fog and air.
@@ -132,7 +132,7 @@ def path_loss_db(
         weather: The weather.
         carriers_hz: Carrier frequencies [Hz], shape [C].
         length_m: Whole length of each path [m], shape [P].
-        elevation: Elevation of departure [rad], shape [P]; pi/2 minus the zenith angle.
+        elevation: Elevation of departure [rad], one or shape [P]: pi/2 minus the zenith angle.
         tilt: Polarization tilt of the antennas against the horizontal [rad], one or shape [P]: pi/2 for V, 0 for H.
 
     Returns:
@@ -146,7 +146,9 @@ def path_loss_db(
     carriers, rain, fog, gas = _same_everywhere(weather, given)
     km = np.asarray(length_m, dtype=np.float64)[:, None] / 1000.0
     if weather.rain_mm_h > 0.0:
-        rain = rain_attenuation(weather.rain_mm_h, carriers, np.asarray(elevation)[:, None], np.reshape(tilt, (-1, 1)))
+        rain = rain_attenuation(
+            weather.rain_mm_h, carriers, *(np.reshape(angle, (-1, 1)) for angle in (elevation, tilt))
+        )
     return {"rain_db": rain * km, "fog_db": fog * km, "gas_db": gas * km}
 
 

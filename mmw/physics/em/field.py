@@ -102,14 +102,18 @@ class MovingBodies:
 
     body: np.ndarray
     """Body of each interaction, -1 for none, shape [P, D]."""
-    motion: np.ndarray
-    """Place [m], velocity [m/s] and angular velocity [rad/s] of each body, world frame, shape [B, 3, 3]."""
+    pose: np.ndarray
+    """Pose of each body in the world, shape [B, 7]."""
+    velocity: np.ndarray
+    """Velocity of each body, world frame [m/s], shape [B, 3]."""
+    rate: np.ndarray
+    """Angular velocity of each body, world frame [rad/s], shape [B, 3]."""
 
 
 def path_geometry(
     link: np.ndarray,
-    place: np.ndarray,
-    velocity: np.ndarray,
+    place: tuple[np.ndarray, np.ndarray],
+    velocity: tuple[np.ndarray, np.ndarray],
     interaction: np.ndarray,
     vertex: np.ndarray,
     normal: np.ndarray,
@@ -120,8 +124,8 @@ def path_geometry(
 
     Args:
         link: Link of each path, shape [P].
-        place: Transmitter and receiver of each link [m], shape [L, 2, 3].
-        velocity: Their velocities [m/s], shape [L, 2, 3].
+        place: Transmitter and receiver of each link [m], shape [L, 3] each.
+        velocity: Their velocities [m/s], shape [L, 3] each.
         interaction: Kind of each interaction, 0 behind the last, shape [P, D].
         vertex: Points of interaction [m], NaN behind the last, shape [P, D, 3].
         normal: Unit normals at the points, either side, shape [P, D, 3].
@@ -131,14 +135,15 @@ def path_geometry(
     Source: of the rates first-order Doppler, Sionna RT 2.2 technical report.
     """
     (count, depth), along = interaction.shape, _NO_EDGES if edge is None else edge
-    body, motion = (_NO_BODIES, _NO_MOTION) if bodies is None else (bodies.body, bodies.motion)
-    inputs = link, place, velocity, interaction, vertex, normal, along, body, motion
+    moving = _NO_BODIES if bodies is None else (bodies.body, bodies.pose, bodies.velocity, bodies.rate)
+    inputs = link, *place, *velocity, interaction, vertex, normal, along, *moving
     of_path, of_step, of_segment = (count,), (count, depth), (count, depth + 1)
     outputs = of_segment, of_segment, of_step, (*of_step, 2), of_segment, (count, 2), (count, 2), of_path
     return PathGeometry(interaction, *run_on_host(path_geometry_kernel, (count,), inputs, (), outputs))
 
 
-_NO_EDGES, _NO_BODIES, _NO_MOTION = np.zeros((0, 0, 3)), np.zeros((0, 0), dtype=np.int32), np.zeros((0, 3, 3))
+_NO_EDGES = np.zeros((0, 0, 3))
+_NO_BODIES = np.zeros((0, 0), dtype=np.int32), np.zeros((0, 7)), np.zeros((0, 3)), np.zeros((0, 3))
 """Arguments of the kernel for what there is not."""
 
 

@@ -118,7 +118,7 @@ def path_transfer(
     is_used = np.bincount(ids.ravel() + 1, minlength=len(materials) + 1)[1:]
     if len(interactions.wedge_material):
         is_used += np.bincount(interactions.wedge_material.ravel(), minlength=len(materials))
-    table = material_table(materials, carriers_hz, tuple(np.flatnonzero(is_used).tolist()))
+    table = material_table(materials, carriers_hz, tuple(is_used.nonzero()[0].tolist()))
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
     given = None

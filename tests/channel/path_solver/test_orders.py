@@ -233,10 +233,11 @@ def test_geometry_of_some_paths_is_that_of_all(device: str) -> None:
     table = make_surface_table(scene, **config.surface_options)
     trace = trace_links(scene, make_links(arrays, [0, 1], config), config, table)
     taken = trace.take(np.arange(1, len(trace.found), 3))
-    geometry, own = found_geometry(trace.search, taken.found)
+    geometry, own, names = found_geometry(trace.search, taken.found)
     assert len(own.wedges.path) and len(own.rough.path)
     same = taken.interactions
-    for one, other in ((taken.geometry, geometry), (same.wedges, own.wedges), (same.rough, own.rough)):
+    pairs = (taken.geometry, geometry), (same.wedges, own.wedges), (same.rough, own.rough), (taken.names, names)
+    for one, other in pairs:
         for name in one.__dataclass_fields__:
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
     for name in ("material_id", "wedge_material", "wedge_width"):

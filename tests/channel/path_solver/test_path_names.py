@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import warp as wp
 
-from mmw.channel.path_solver.path_names import path_names
+from mmw.channel.path_solver.path_names import path_names, tell_apart
 from mmw.channel.paths import PathSet
 from mmw.core.planar_surfaces import find_surfaces
 from mmw.kernels.channel.path_names import NamedSurfaces
@@ -83,7 +83,10 @@ def test_a_path_keeps_its_name_from_pane_to_pane(device: str) -> None:
 
 
 def test_names_are_hashes_of_all_words_in_order() -> None:
-    """SplitMix64's finaliser in Python's own integers; what is behind the last interaction does not count."""
+    """SplitMix64's finaliser in Python's own integers; what is behind the last interaction does not count.
+
+    Materials and bodies are those of the surfaces, and of the actors that carry them.
+    """
 
     def mixed(value: int, word: int) -> int:
         z = ((value ^ (word % 2**64)) + 0x9E3779B97F4A7C15) % 2**64
@@ -92,16 +95,18 @@ def test_names_are_hashes_of_all_words_in_order() -> None:
         return z ^ (z >> 31)
 
     rng = np.random.default_rng(4)
-    names = {name: rng.integers(0, 2**31 - 1, 9) for name in ("wall", "object_id", "line")}
-    names["face"] = rng.integers(0, 9, 9)
+    names = {name: rng.integers(0, 2**31 - 1, 9) for name in ("wall", "object_id", "line", "material_id")}
+    names["face"], names["owner"] = rng.integers(0, 9, 9), rng.integers(-1, 4, 9)
     surfaces = NamedSurfaces()
     for name, values in names.items():
         setattr(surfaces, name, wp.array(values, dtype=wp.int32, device="cpu"))
     ends, link = rng.integers(0, 2**40, (2, 5)), rng.integers(0, 5, 30)
     kind = np.where(np.arange(3) < rng.integers(0, 4, 30)[:, None], rng.choice([1, 2, 4, 8], (30, 3)), 0)
     surface, ray = np.where(kind == 0, -1, rng.integers(0, 9, (30, 3))), rng.integers(-9, 9, 30)
-    links, table = SimpleNamespace(tx_number=ends[0], rx_number=ends[1]), SimpleNamespace(names_on_host=surfaces)
-    found = path_names(links, link, kind, surface, ray, table, np.arange(30.0))
+    batch_index, actor = rng.integers(0, 3, 5), rng.permutation(7)[:4]
+    links = SimpleNamespace(tx_number=ends[0], rx_number=ends[1], batch_index=batch_index)
+    scene = SimpleNamespace(instance_actor=actor, arrays=SimpleNamespace(poses=np.zeros((3, 7, 7))))
+    found = path_names(links, link, kind, surface, ray, SimpleNamespace(names_on_host=surfaces), scene)
     columns, ranks = {SPECULAR: "wall", TRANSMISSION: "object_id", DIFFRACTION: "line"}, [0, 1, 4, 2, 8]
     ids: list[int] = []
     expected = []
@@ -111,12 +116,17 @@ def test_names_are_hashes_of_all_words_in_order() -> None:
             code, own = int(kind[path, step]), surface[path, step]
             value = mixed(mixed(value, code), int(ray[path] if code == DIFFUSE else names[columns[code]][own]))
             face = names["face"][own] if code == DIFFRACTION else own
-            assert found.object_id[path, step] == names["object_id"][face]
+            owner = names["owner"][face]
+            body = 7 * batch_index[link[path]] + actor[owner] if owner >= 0 else -1
+            met = found.object_id[path, step], found.material_id[path, step], found.body[path, step]
+            assert met == (names["object_id"][face], names["material_id"][face], body)
         number = ids.count(value >> 1)  # lines of sight of one link have one name, and are numbered
         expected.append(mixed(value >> 1, number) >> 1 if number else value >> 1)
         ids.append(value >> 1)
-    assert found.path_id.dtype == np.int64 and found.path_id.tolist() == expected and len(set(ids)) < 30
+    assert found.path_id.dtype == np.int64 and found.path_id.tolist() == ids and len(set(ids)) < 30
+    assert tell_apart(found.path_id, link, np.arange(30.0)).tolist() == expected
     assert found.kind.dtype == np.int8
-    assert (found.object_id[kind == 0] == -1).all()
+    for met in (found.object_id, found.material_id, found.body):
+        assert (met[kind == 0] == -1).all() and met.dtype == np.int32
     highest = [max((ranks.index(code) for code in row if code), default=0) for row in kind.tolist()]
     assert found.kind.tolist() == highest

@@ -63,8 +63,7 @@ def random_paths(count: int = 300, depth: int = 3) -> tuple[np.ndarray, ...]:
 
 def geometry_of(tx: np.ndarray, rx: np.ndarray, *points: np.ndarray) -> PathGeometry:
     """Return the geometry of paths, each of a link of its own whose ends rest."""
-    place = np.stack([tx, rx], axis=1)
-    return path_geometry(np.arange(len(tx)), place, np.zeros(place.shape), *points)
+    return path_geometry(np.arange(len(tx)), (tx, rx), (np.zeros(tx.shape), np.zeros(rx.shape)), *points)
 
 
 def test_geometry_of_paths_of_all_kinds() -> None:
