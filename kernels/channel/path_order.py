@@ -19,8 +19,8 @@ SAME_NORMAL = wp.constant(wp.float64(SAME_NORMAL_COS))
 
 
 @wp.struct
-class UnsortedPaths:
-    """Paths of at most D interactions, P of them at most, in any order."""
+class PathRows:
+    """Paths of at most D interactions, P of them at most."""
 
     link: wp.array[int]
     """Link of each, shape [P]."""
@@ -36,11 +36,13 @@ class UnsortedPaths:
     """Unit normal of each, 0 for a diffraction, shape [P, D]."""
     ray: wp.array[int]
     """Ray of a diffuse path, -1 for all others, shape [P]."""
+    solid_angle: wp.array[wp.float64]
+    """Solid angle of that ray, see `TracedPaths`, shape [P]."""
 
 
 @wp.struct
 class PathOrder:
-    """Order of paths; all but rows and their count is scratch."""
+    """Order of paths; all but the count is scratch."""
 
     key: wp.array2d[wp.float64]
     """Keys by which paths are sorted, shape [P, 3 + 2 D]."""
@@ -57,19 +59,21 @@ class PathOrder:
     spare: wp.array[int]
     """Shape [P]."""
     row: wp.array[int]
-    """Paths in the order of the keys, shape [P]; then those to keep."""
+    """Paths in the order of the keys, shape [P]."""
     count: wp.array[int]
     """Number of paths to keep, shape [1]."""
 
 
 @wp.struct
 class PathEnds:
-    """Ends of links."""
+    """Ends of L links."""
 
+    number: wp.array[int]
+    """Link that each number of a path that is given stands for, shape [L]."""
     tx: wp.array[wp.vec3d]
-    """Transmitter [m], shape [L]."""
+    """Transmitter of each link [m], shape [L]."""
     rx: wp.array[wp.vec3d]
-    """Receiver [m], shape [L]."""
+    """Receiver of each [m], shape [L]."""
 
 
 @wp.func
@@ -82,7 +86,7 @@ def distance(a: wp.vec3d, b: wp.vec3d) -> wp.float64:
 
 
 @wp.func
-def path_length(paths: UnsortedPaths, path: int, tx: wp.vec3d, rx: wp.vec3d) -> wp.float64:
+def path_length(paths: PathRows, path: int, tx: wp.vec3d, rx: wp.vec3d) -> wp.float64:
     """Return the length of a path [m]."""
     total = wp.float64(0.0)
     last = tx
@@ -93,7 +97,7 @@ def path_length(paths: UnsortedPaths, path: int, tx: wp.vec3d, rx: wp.vec3d) -> 
 
 
 @wp.func
-def same_place_m(paths: UnsortedPaths, path: int, origin: wp.vec3d, lift: wp.float64) -> wp.float64:
+def same_place_m(paths: PathRows, path: int, origin: wp.vec3d, lift: wp.float64) -> wp.float64:
     """Return below which distance interactions are in the same place as those of a path [m]."""
     reach = wp.float64(0.0)
     for step in range(paths.order[path]):
@@ -103,7 +107,7 @@ def same_place_m(paths: UnsortedPaths, path: int, origin: wp.vec3d, lift: wp.flo
 
 
 @wp.func
-def is_same(paths: UnsortedPaths, one: int, other: int, apart: wp.float64) -> bool:
+def is_same(paths: PathRows, one: int, other: int, apart: wp.float64) -> bool:
     """Return whether two paths of one link have the same kinds of interactions in the same places.
 
     At a corner two surfaces are near each other, but not in one plane.
@@ -123,7 +127,7 @@ def is_same(paths: UnsortedPaths, one: int, other: int, apart: wp.float64) -> bo
 
 @wp.kernel
 def order_paths_kernel(
-    paths: UnsortedPaths,
+    paths: PathRows,
     ends: PathEnds,
     count: int,
     area: wp.array[wp.float64],
@@ -131,8 +135,9 @@ def order_paths_kernel(
     lift: wp.float64,
     # out
     order_out: PathOrder,
+    paths_out: PathRows,
 ):
-    """Find the paths to keep, sorted by link, order, kinds, surfaces and ray.
+    """Write the paths to keep, sorted by link, order, kinds, surfaces and ray.
 
     Of paths of one link with the same interactions in the same places, see `SAME_POINT_M`, the one on the smallest
     surfaces stays (a marking lies on its road), and the lowest surface ids among equals. Diffuse paths all stay.
@@ -142,7 +147,7 @@ def order_paths_kernel(
     depth = paths.kind.shape[1]
     many = wp.int32(0)
     for path in range(count):
-        order_out.key[path, 0] = wp.float64(paths.link[path])
+        order_out.key[path, 0] = wp.float64(ends.number[paths.link[path]])
         order_out.key[path, 1] = wp.float64(paths.order[path])
         for step in range(depth):
             order_out.key[path, 2 + step] = wp.float64(paths.kind[path, step])
@@ -155,7 +160,7 @@ def order_paths_kernel(
         order_out.rank[path] = place
         order_out.is_dropped[path] = wp.uint8(0)
         if paths.ray[path] == -1 and paths.order[path] > 0:
-            link = paths.link[path]
+            link = ends.number[paths.link[path]]
             order_out.near_key[path, 0] = order_out.key[path, 0]
             order_out.near_key[path, 1] = order_out.key[path, 1]
             order_out.near_key[path, 2] = path_length(paths, path, ends.tx[link], ends.rx[link])
@@ -190,6 +195,14 @@ def order_paths_kernel(
     for place in range(count):
         path = order_out.row[place]
         if order_out.is_dropped[path] == wp.uint8(0):
-            order_out.row[kept] = path
+            paths_out.link[kept] = ends.number[paths.link[path]]
+            paths_out.order[kept] = paths.order[path]
+            paths_out.ray[kept] = paths.ray[path]
+            paths_out.solid_angle[kept] = paths.solid_angle[path]
+            for step in range(depth):
+                paths_out.kind[kept, step] = paths.kind[path, step]
+                paths_out.surface[kept, step] = paths.surface[path, step]
+                paths_out.vertex[kept, step] = paths.vertex[path, step]
+                paths_out.normal[kept, step] = paths.normal[path, step]
             kept = kept + 1
     order_out.count[0] = kept

@@ -21,7 +21,7 @@ from mmw.channel.path_solver.curved_candidates import (
 )
 from mmw.channel.path_solver.curved_surfaces import CurvedTable
 from mmw.channel.path_solver.near_edges import near_edge_candidates
-from mmw.channel.path_solver.path_order import rows_to_keep
+from mmw.channel.path_solver.path_order import paths_to_keep
 from mmw.channel.path_solver.scatter_paths import diffuse_paths
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.surface_table import SurfaceTable
@@ -65,8 +65,7 @@ def trace_paths(search: Search, is_pair: np.ndarray | None = None) -> TracedPath
         paths = TracedPaths(*(np.concatenate(column) for column in zip(*(f.columns for f in found), strict=True)))
     if not len(paths):
         return paths
-    paths = TracedPaths(search.order.take(paths.link), *paths.columns[1:])
-    return paths.take(rows_to_keep(paths, links, table.host_area, search.scene.origin))
+    return paths_to_keep(paths, search.order, links, table.host_area, search.scene.origin)
 
 
 def _curved_paths(search: Search, curved: CurvedTable) -> Iterator[TracedPaths]:

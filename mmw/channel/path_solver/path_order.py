@@ -11,20 +11,23 @@ from mmw.kernels.channel.path_order import order_paths_kernel
 from mmw.kernels.channel.surfaces import LIFT
 
 
-def rows_to_keep(found: TracedPaths, links: Links, area: wp.array, origin: np.ndarray) -> np.ndarray:
-    """Return the rows of paths to keep, sorted by (link, order, kinds, surfaces), see `order_paths_kernel`.
+def paths_to_keep(
+    found: TracedPaths, number: np.ndarray, links: Links, area: wp.array, origin: np.ndarray
+) -> TracedPaths:
+    """Return the paths to keep, sorted by (link, order, kinds, surfaces), see `order_paths_kernel`.
 
     Args:
         found: The paths.
-        links: Their links.
+        number: Link that each number in `found.link` stands for, shape [L].
+        links: The links.
         area: Areas of all surfaces [m^2], on the host.
         origin: World position of the scene frame's origin [m], shape [3].
     """
-    (count, depth), ends = found.kind.shape, (links.tx.position, links.rx.position)
-    inputs = found.link, found.order, found.kind, found.surface, found.vertex, found.normal, found.ray, *ends
+    (count, depth), ends = found.kind.shape, (number, links.tx.position, links.rx.position)
     others = count, area, vector(*origin.tolist()), LIFT.value
-    each, keys = (count,), ((count, 3 + 2 * depth), (count, 3))
-    *_, row, kept = run_on_host(
-        order_paths_kernel, (1,), inputs, others, (*keys, each, each, each, each, each, each, (1,))
-    )
-    return row[: int(kept[0])]
+    each, steps = (count,), (count, depth)
+    order = (count, 3 + 2 * depth), (count, 3), each, each, each, each, each, each, (1,)
+    rows = each, each, steps, steps, steps, steps, each, each
+    made = run_on_host(order_paths_kernel, (1,), (*found.columns, *ends), others, (*order, *rows))
+    kept = int(made[len(order) - 1][0])
+    return TracedPaths(*[values[:kept] for values in made[len(order) :]])

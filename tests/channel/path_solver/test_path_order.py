@@ -5,7 +5,7 @@ import pytest
 import warp as wp
 
 from mmw.channel.links import Links
-from mmw.channel.path_solver.path_order import rows_to_keep
+from mmw.channel.path_solver.path_order import paths_to_keep
 from mmw.channel.path_solver.traced_paths import TracedPaths
 from mmw.physics.em.interaction import DIFFRACTION, DIFFUSE, SPECULAR, TRANSMISSION
 from mmw.scene.mounted_antennas import RadioDevices
@@ -45,7 +45,7 @@ def random_paths(generator: np.random.Generator, count: int, depth: int, links: 
         np.where(is_there[..., None], at, np.nan),
         np.where(is_there[..., None], normal, np.nan),
         ray,
-        np.zeros(count),
+        np.where(ray == -1, 0.0, generator.random(count)),
     )
 
 
@@ -59,7 +59,11 @@ def test_rows_are_those_of_whole_columns(count: int, depth: int) -> None:
     origin = np.array([0.5, -3.0, 0.0])
     found = random_paths(generator, count, depth, links)
     host_area = wp.array(area, dtype=wp.float64, device="cpu")
-    rows = rows_to_keep(found, links_between(tx, rx), host_area, origin)
-    wanted = rows_in_order(found, tx, rx, area, origin)
-    np.testing.assert_array_equal(rows, wanted)
-    assert count < 700 or len(rows) < count, "no duplicate was made"
+    number = generator.permutation(links)  # of the link of each number that is given
+    given = TracedPaths(np.argsort(number)[found.link].astype(np.int32), *found.columns[1:])
+    kept = paths_to_keep(given, number, links_between(tx, rx), host_area, origin)
+    wanted = found.take(rows_in_order(found, tx, rx, area, origin))
+    for values, expected in zip(kept.columns, wanted.columns, strict=True):
+        np.testing.assert_array_equal(values, expected)
+        assert values.dtype == expected.dtype
+    assert count < 700 or len(kept) < count, "no duplicate was made"
