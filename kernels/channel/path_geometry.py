@@ -103,13 +103,14 @@ class PathBases:
     """Geometry of P paths, as the fields of `mmw.physics.em.field.PathGeometry`."""
 
     direction: wp.array2d[wp.vec3d]
-    length: wp.array2d[wp.float64]
+    segment_length: wp.array2d[wp.float64]
     cosine: wp.array2d[wp.float64]
     incoming: wp.array3d[wp.vec3d]
     turn: wp.array2d[wp.mat22d]
     ends: wp.array2d[wp.vec3d]
     angles: wp.array2d[wp.vec2d]
     rate: wp.array[wp.float64]
+    length: wp.array[wp.float64]
 
 
 @wp.func
@@ -141,6 +142,7 @@ def path_geometry_kernel(points: PathPoints, geometry_out: PathBases):
             order = order + 1
     point = points.tx[points.link[path]]
     direction = wp.vec3d(ZERO, ZERO, ZERO)
+    total = ZERO
     for step in range(depth + 1):
         target = points.rx[points.link[path]]
         if step < order:
@@ -148,12 +150,14 @@ def path_geometry_kernel(points: PathPoints, geometry_out: PathBases):
         span = target - point
         point = target
         length = wp.length(span)
-        geometry_out.length[path, step] = length
+        geometry_out.segment_length[path, step] = length
+        total = total + length
         if step <= order:
             direction = span
             if length > ZERO:
                 direction = span / length
         geometry_out.direction[path, step] = direction
+    geometry_out.length[path] = total
     geometry_out.ends[path, 0] = geometry_out.direction[path, 0]
     geometry_out.ends[path, 1] = -direction
     geometry_out.rate[path] = range_rate(points, geometry_out, path)

@@ -78,7 +78,8 @@ def tell_apart(ids: np.ndarray, link: np.ndarray, rank_by: np.ndarray) -> np.nda
             its name to the next one, with a step of the level. By minus the strength, the name of rank k has the k-th
             strongest, whose level is continuous where two swap and where the weakest ends.
     """
-    codes = np.sort(ids ^ (link.astype(np.int64) << 32))
+    codes = ids ^ (link.astype(np.int64) << 32)
+    codes.sort()
     if not np.count_nonzero(codes[1:] == codes[:-1]):  # all differ, which is far quicker to see
         return ids
     order = np.lexsort((rank_by, ids, link))

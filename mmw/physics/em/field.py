@@ -10,7 +10,6 @@ in C. A. Balanis, Advanced Engineering Electromagnetics, chapter 5.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -43,6 +42,8 @@ class PathGeometry:
     """Zenith and azimuth of both [rad], shape [P, 2, 2]."""
     range_rate: np.ndarray
     """Rate of change of the length [m/s], shape [P]."""
+    length: np.ndarray
+    """Total length [m], shape [P]."""
 
     def take(self, rows: np.ndarray) -> "PathGeometry":
         """Return some of the paths."""
@@ -77,14 +78,6 @@ class PathGeometry:
     def arrival(self) -> np.ndarray:
         """Unit direction from the receiver back along the path, shape [P, 3]."""
         return self.ends[:, 1]
-
-    @cached_property
-    def length(self) -> np.ndarray:
-        """Total length [m], shape [P]."""
-        total = self.segment_length[:, 0]
-        for k in range(1, self.segment_length.shape[1]):
-            total = total + self.segment_length[:, k]
-        return total
 
     def lengths_around(self, path: np.ndarray, step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the lengths of paths before and behind their interaction `step` [m], shape [Q] each."""
@@ -138,7 +131,7 @@ def path_geometry(
     moving = _NO_BODIES if bodies is None else (bodies.body, bodies.pose, bodies.velocity, bodies.rate)
     inputs = link, *place, *velocity, interaction, vertex, normal, along, *moving
     of_path, of_step, of_segment = (count,), (count, depth), (count, depth + 1)
-    outputs = of_segment, of_segment, of_step, (*of_step, 2), of_segment, (count, 2), (count, 2), of_path
+    outputs = of_segment, of_segment, of_step, (*of_step, 2), of_segment, (count, 2), (count, 2), of_path, of_path
     return PathGeometry(interaction, *run_on_host(path_geometry_kernel, (count,), inputs, (), outputs))
 
 
