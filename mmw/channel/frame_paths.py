@@ -64,7 +64,7 @@ class FramePaths:
             **{name: getattr(paths, name)[path] for name in _SAME_COLUMNS},
         }
         for values in self._columns.values():
-            values.flags.writeable = False
+            values.setflags(write=False)
 
     def at(self, carrier: int) -> CarrierPaths:
         """Return the paths at one carrier, bit for bit those of `CarrierPaths.from_table` of their rows.

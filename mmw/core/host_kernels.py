@@ -22,6 +22,7 @@ def run_on_host(
     inputs: Sequence[np.ndarray],
     others: Sequence[Any],
     outputs: tuple[tuple[int, ...], ...],
+    scratch: int = 0,
 ) -> list[np.ndarray]:
     """Return the outputs of a kernel, arrays of NumPy.
 
@@ -32,6 +33,7 @@ def run_on_host(
         inputs: Values of each input; a vector, matrix or complex number is the last axes.
         others: Numbers, and arrays and structs of the host that stay the same from call to call.
         outputs: Shape of each output, without the axes of its elements.
+        scratch: Number of first outputs that are scratch, which are not returned.
     """
     plan = _plan(kernel, tuple([values.shape for values in inputs]), outputs)
     block = take_free(plan.free) or _Block(plan)
@@ -41,7 +43,7 @@ def run_on_host(
         view[...] = values
     if 0 not in dim:
         block.launch(kernel, dim, others)
-    made = [view.copy() for view in block.outputs]
+    made = [view.copy() for view in block.outputs[scratch:]]
     if block.is_kept:
         plan.free.append(block)
     return made

@@ -62,6 +62,8 @@ def launched(count: int, many: int, *, has_flags: bool = True, scale: float = 1.
     packed = run_on_host(packed_kernel, (count, many), inputs, [scale], outputs)
     for one, other in zip(found, packed, strict=True):
         np.testing.assert_array_equal(one, other)
+    (alone,) = run_on_host(packed_kernel, (count, many), inputs, [scale], outputs, 1)
+    np.testing.assert_array_equal(alone, found[1])
     number = matrix[..., 0] * (flag if has_flags else np.zeros(count, dtype=bool))[:, None, None]
     return found, [scale * np.linalg.norm(vector, axis=1), number]
 

@@ -26,8 +26,8 @@ def paths_to_keep(
     (count, depth), ends = found.kind.shape, (number, links.tx.position, links.rx.position)
     others = count, area, vector(*origin.tolist()), LIFT.value
     each, steps = (count,), (count, depth)
-    order = (count, 3 + 2 * depth), (count, 3), each, each, each, each, each, each, (1,)
-    rows = each, each, steps, steps, steps, steps, each, each
-    made = run_on_host(order_paths_kernel, (1,), (*found.columns, *ends), others, (*order, *rows))
-    kept = int(made[len(order) - 1][0])
-    return TracedPaths(*[values[:kept] for values in made[len(order) :]])
+    scratch = (count, 3 + 2 * depth), (count, 3), each, each, each, each, each, each
+    outputs = *scratch, (1,), each, each, steps, steps, steps, steps, each, each
+    inputs = *found.columns, *ends
+    kept, *rows = run_on_host(order_paths_kernel, (1,), inputs, others, outputs, len(scratch))
+    return TracedPaths(*[values[: int(kept[0])] for values in rows])
