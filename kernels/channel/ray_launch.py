@@ -52,16 +52,6 @@ class TownHits:
     """False while a launch fills the rows, which looks for the town alone and stores no candidates."""
 
 
-@wp.struct
-class Ray:
-    """Ray in the scene frame."""
-
-    position: wp.vec3
-    """Start [m]."""
-    direction: wp.vec3
-    """Unit direction."""
-
-
 @wp.func
 def cell_of(key: wp.uint64, mask: int) -> int:
     """Return the home cell of a key. Source: multiplicative hashing, Knuth, TAOCP 3, section 6.4."""
@@ -97,117 +87,6 @@ def insert_candidate(keys: wp.array[wp.uint64], parent: int, plane: int, level: 
     return result
 
 
-@wp.func
-def add_candidate(
-    parent: int, plane: int, level: int, source: int,
-    # out
-    is_hit: wp.array2d[wp.uint8], keys: wp.array[wp.uint64], counts: wp.array[int],
-) -> int:  # fmt: skip
-    """Store that a ray reflects at a plane after a candidate; return the code of both, -1 if there is no cell."""
-    code = source * is_hit.shape[1] + plane
-    if level == 1:
-        if is_hit[source, plane] == wp.uint8(0):  # most rays hit what others did: stores would queue
-            is_hit[source, plane] = wp.uint8(1)
-    else:
-        cell = insert_candidate(keys, parent, plane, level)
-        code = wp.where(cell < 0, -1, is_hit.shape[0] * is_hit.shape[1] + cell)
-        if cell < 0:
-            counts[FULL] = 1
-    return code
-
-
-@wp.func
-def kept_hit(town: TownHits, row: int, hit_count: int, thread: int) -> RawHit:
-    """Return what a ray hits of the town after some reflections there."""
-    near = RawHit()
-    near.instance = MISS_ID
-    near.face = town.face[row, hit_count, thread]
-    near.t = town.t[row, hit_count, thread]
-    return near
-
-
-@wp.func
-def first_ray(origin: wp.vec3, number: int, ray_count: int) -> Ray:
-    """Return a ray of a transmitter."""
-    ray = Ray()
-    ray.position = origin
-    ray.direction = fibonacci_direction(number, ray_count)
-    return ray
-
-
-@wp.func
-def ray_after(scene: Scene, batch_index: int, ray: Ray, near: RawHit, is_through: bool) -> Ray:
-    """Return how a ray goes on from what it hit, through it or off it."""
-    normal = world_normal(scene, batch_index, near)
-    if wp.dot(normal, ray.direction) > 0.0:
-        normal = -normal
-    after = Ray()
-    after.position = ray.position + near.t * ray.direction
-    after.direction = ray.direction
-    lift = BOUNCE_LIFT * (5.0 + wp.max(wp.abs(after.position)))
-    if is_through:
-        after.position = after.position - lift * normal
-    else:
-        after.direction = wp.normalize(ray.direction - 2.0 * wp.dot(normal, ray.direction) * normal)
-        after.position = after.position + lift * normal
-    return after
-
-
-@wp.func
-def follow_ray(
-    scene: Scene, batch_index: wp.array[int], origin: wp.array[wp.vec3], plane: wp.array[int],
-    is_slab: wp.array[wp.uint8], ray_count: int, stride: int, row_count: int, depth: int, passes: int, source: int,
-    thread: int,
-    # scratch
-    town: TownHits,
-    # out
-    is_hit: wp.array2d[wp.uint8], keys: wp.array[wp.uint64], counts: wp.array[int],
-):  # fmt: skip
-    """Follow the ray of a thread, see `launch_kernel`."""
-    number = (thread % row_count) * stride + thread // row_count
-    if number >= ray_count:
-        return
-    ray = first_ray(origin[source], number, ray_count)
-    parent = wp.int32(-1)
-    level = wp.int32(1)
-    hit_count = wp.int32(0)
-    row = wp.int32(-1)
-    is_filling = wp.bool(False)
-    if town.row.shape[0] > 0:
-        row = town.row[source]
-        is_filling = not town.is_filled
-    while hit_count < depth:
-        near = RawHit()
-        if row >= 0 and not is_filling:
-            near = kept_hit(town, row, hit_count, thread)
-        else:
-            near = nearest_in_town(scene, ray.position, ray.direction, wp.inf)
-        if is_filling:
-            town.face[row, hit_count, thread] = near.face
-            town.t[row, hit_count, thread] = near.t
-        else:
-            near = nearest_with_instances(scene, batch_index[source], ray.position, ray.direction, near)
-            if near.instance >= 0:
-                row = wp.int32(-1)
-        if near.face < 0:
-            hit_count = depth
-        else:
-            surface = surface_of(scene, near)
-            code = wp.int32(0)
-            if not is_filling:
-                code = add_candidate(parent, plane[surface], level, source, is_hit, keys, counts)
-            hit_count = wp.where(code < 0, depth, hit_count + 1)
-            if hit_count < depth:
-                is_through = (passes >> (hit_count - 1)) & 1 == 1
-                if is_through and is_slab[surface] == wp.uint8(0):
-                    hit_count = depth
-                else:
-                    ray = ray_after(scene, batch_index[source], ray, near, is_through)
-                    if not is_through:
-                        parent = code
-                        level = level + 1
-
-
 @wp.kernel(cuda_max_registers=TRACE_REGISTERS)
 def launch_kernel(
     scene: Scene,
@@ -239,21 +118,64 @@ def launch_kernel(
     whose entry `FULL` becomes 1 where a node found no cell. `plane` and `is_slab` have an entry a surface.
     """
     source, thread = wp.tid()
-    follow_ray(
-        scene,
-        batch_index,
-        origin,
-        plane,
-        is_slab,
-        ray_count,
-        stride,
-        row_count,
-        depth,
-        passes,
-        source,
-        thread,
-        town,
-        is_hit_out,
-        keys_out,
-        counts_out,
-    )
+    ray = (thread % row_count) * stride + thread // row_count
+    if ray >= ray_count:
+        return
+    direction = fibonacci_direction(ray, ray_count)
+    position = origin[source]
+    parent = wp.int32(-1)
+    level = wp.int32(1)
+    hit_count = wp.int32(0)
+    row = wp.int32(-1)
+    is_filling = wp.bool(False)
+    if town.row.shape[0] > 0:
+        row = town.row[source]
+        is_filling = not town.is_filled
+    while hit_count < depth:
+        near = RawHit()
+        near.instance = MISS_ID
+        if row >= 0 and not is_filling:
+            near.face = town.face[row, hit_count, thread]
+            near.t = town.t[row, hit_count, thread]
+        else:
+            near = nearest_in_town(scene, position, direction, wp.inf)
+        if is_filling:
+            town.face[row, hit_count, thread] = near.face
+            town.t[row, hit_count, thread] = near.t
+        else:
+            near = nearest_with_instances(scene, batch_index[source], position, direction, near)
+            if near.instance >= 0:
+                row = wp.int32(-1)
+        if near.face < 0:
+            hit_count = depth
+        else:
+            surface = surface_of(scene, near)
+            own = plane[surface]
+            code = source * is_hit_out.shape[1] + own
+            if is_filling:
+                code = wp.int32(0)
+            elif level == 1:
+                if is_hit_out[source, own] == wp.uint8(0):  # most rays hit what others did: stores would queue
+                    is_hit_out[source, own] = wp.uint8(1)
+            else:
+                cell = insert_candidate(keys_out, parent, own, level)
+                code = is_hit_out.shape[0] * is_hit_out.shape[1] + cell
+                if cell < 0:
+                    counts_out[FULL] = 1
+                    hit_count = depth
+            hit_count = hit_count + 1
+            if hit_count < depth:
+                normal = world_normal(scene, batch_index[source], near)
+                if wp.dot(normal, direction) > 0.0:
+                    normal = -normal
+                position = position + near.t * direction
+                lift = BOUNCE_LIFT * (5.0 + wp.max(wp.abs(position)))
+                if (passes >> (hit_count - 1)) & 1 == 0:
+                    parent = code
+                    level = level + 1
+                    direction = wp.normalize(direction - 2.0 * wp.dot(normal, direction) * normal)
+                    position = position + lift * normal
+                elif is_slab[surface] == wp.uint8(0):
+                    hit_count = depth
+                else:
+                    position = position - lift * normal

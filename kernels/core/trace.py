@@ -139,9 +139,14 @@ def closest_hit_raw_among(
 
 @wp.func
 def occluded_among(
-    scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float, candidates: Candidates,
+    scene: Scene,
+    batch_index: int,
+    origin: wp.vec3,
+    direction: wp.vec3,
+    t_max: float,
+    candidates: Candidates,
     group: int,
-) -> bool:  # fmt: skip
+) -> bool:
     """Return whether anything lies on the ray before `t_max`; see `closest_hit_raw_among`. A negative group has no
     instances."""
     blocked = wp.bool(False)
@@ -270,18 +275,6 @@ _, _, _cast_moving = _make_cast(is_moving=True)
 def nearest_with_instances(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, town: RawHit) -> RawHit:
     """Return what the ray hits first, given what it hits of the town, as `nearest_in_town` has it for the whole ray."""
     return _among_instances(scene, batch_index, origin, direction, town, MISS_ID, 0.0)
-
-
-@wp.func
-def passes_instance_box(scene: Scene, batch_index: int, origin: wp.vec3, direction: wp.vec3, t_max: float) -> bool:
-    """Return whether a ray enters the box of an instance before `t_max`: if not, it hits none before."""
-    root = scene.group_root[batch_index]
-    is_near = wp.bool(False)
-    if root >= 0:  # -1 would search every frame's vehicles
-        item = wp.int32(0)
-        query = wp.bvh_query_ray(scene.instances[0], origin, direction, root)
-        is_near = wp.bvh_query_next(query, item, t_max)
-    return is_near
 
 
 @wp.func

@@ -12,7 +12,6 @@ from mmw.channel.path_solver.town_hits import MAX_SOURCES, MIN_RAYS, KeptHits
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.kernels.channel.candidate_list import COUNTS, FULL
-from mmw.kernels.channel.near_rays import QUEUE_BLOCK, QUEUES, NearRays, follow_queued_kernel, queue_kernel
 from mmw.kernels.channel.ray_launch import PLANE_BITS, TownHits, launch_kernel
 from mmw.kernels.channel.reflection_candidates import CandidateTree
 
@@ -27,9 +26,6 @@ CELLS_AT_ONCE = {"cuda": 2**26, "cpu": 2**23}
 
 MAX_CELLS = 2**30
 """Cells of the largest table."""
-
-MAX_QUEUED = 2**24
-"""Most rays of a launch that have queues, 4 bytes each: further transmitters are launched after it. Design value."""
 
 FIRST_CELLS = 2**15
 """Cells for each transmitter and each level below the first, until a launch needs more."""
@@ -170,8 +166,8 @@ def _kept_hits(search: Search, rays: int, depth: int) -> KeptHits | None:
     if _pattern_count(search) > 1:
         return None
     if (rays, depth) not in kept:
-        _, stride, row_count = _lattice(rays)
-        kept[rays, depth] = KeptHits(search.scene.device, row_count * stride, depth)
+        stride = neighbor_stride(rays)
+        kept[rays, depth] = KeptHits(search.scene.device, -(-rays // stride) * stride, depth)
     return kept[rays, depth]
 
 
@@ -236,18 +232,9 @@ def launch_rays(
     kept = _kept_hits(search, rays, depth)
     rows = () if kept is None else kept.rows([place.tobytes() for place in sources.origin])
     hits = _no_hits() if kept is None or not rows else kept.hits(rows)
-    begin, out = sources.device[:2], [is_hit, keys, counts]
-    if rows and min(rows) >= 0 and has_queues(search.scene.device):
-        _launch_with_queues(search, len(sources), begin, (rays, depth), hits, out)
-        return is_hit, counts
     for passes in patterns:
-        _launch(search, len(sources), begin, (rays, depth, passes), hits, out)
+        _launch(search, len(sources), sources.device[:2], (rays, depth, passes), hits, [is_hit, keys, counts])
     return is_hit, counts
-
-
-def has_queues(device: str) -> bool:
-    """Return whether rays that come near an instance are queued: a CPU takes each ray by itself."""
-    return wp.get_device(device).is_cuda
 
 
 def _launch(
@@ -260,42 +247,11 @@ def _launch(
 ) -> None:
     """Launch rays from batch indices and origins `begin`; `ways` are their number, depth and pattern."""
     table, (rays, depth, passes) = search.table, ways
-    _, stride, row_count = lattice = _lattice(rays)
-    inputs = [table.scene_struct(search.scene), *begin, table.device.plane, table.device.is_slab]
-    arguments = [*inputs, *lattice, depth, passes, hits, *out]
-    search.launch(launch_kernel, (sources, row_count * stride), arguments, block_dim=64)
-
-
-def _launch_with_queues(
-    search: Search,
-    sources: int,
-    begin: tuple[wp.array, ...],
-    ways: tuple[int, int],
-    hits: TownHits,
-    out: list[wp.array],
-) -> None:
-    """Launch rays as `_launch`, of transmitters that all rest: those near instances after the others."""
-    table, (rays, depth), queued = search.table, ways, NearRays()
-    _, stride, row_count = lattice = _lattice(rays)
-    threads = row_count * stride
-    size = -(-threads // (QUEUES * QUEUE_BLOCK)) * QUEUE_BLOCK
-    at_once = min(sources, max(1, MAX_QUEUED // (QUEUES * size)))
-    queued.thread = search.scratch((at_once, QUEUES * size), wp.int32)
-    queued.count = search.scratch((at_once, QUEUES), wp.int32)
-    scene, flat = table.scene_struct(search.scene), table.device
-    for first in range(0, sources, at_once):
-        queued.count.zero_()
-        count = min(at_once, sources - first)
-        inputs = [scene, *begin, flat.plane, *lattice, depth, first, hits, queued]
-        search.launch(queue_kernel, (count, threads), [*inputs, *out], block_dim=64)
-        inputs = [scene, *begin, flat.plane, flat.is_slab, *lattice, depth, first, queued, hits]
-        search.launch(follow_queued_kernel, (count, QUEUES * size), [*inputs, *out], block_dim=64)
-
-
-def _lattice(rays: int) -> tuple[int, int, int]:
-    """Return the number of rays, the distance of neighbors among them, and the threads of a row of neighbors."""
     stride = neighbor_stride(rays)
-    return rays, stride, -(-rays // stride)
+    row_count = -(-rays // stride)
+    inputs = [table.scene_struct(search.scene), *begin, table.device.plane, table.device.is_slab]
+    arguments = [*inputs, rays, stride, row_count, depth, passes, hits, *out]
+    search.launch(launch_kernel, (sources, row_count * stride), arguments, block_dim=64)
 
 
 @cache

@@ -5,14 +5,13 @@ import pytest
 import warp as wp
 
 from mmw.channel.links import make_links
-from mmw.channel.path_solver import candidates, town_hits
+from mmw.channel.path_solver import town_hits
 from mmw.channel.path_solver.candidates import launch_rays, prepare_town_hits
 from mmw.channel.path_solver.search import Search
 from mmw.channel.path_solver.solver import solve_paths
 from mmw.channel.path_solver.surface_table import make_surface_table
 from mmw.channel.path_solver.town_hits import KeptHits
 from mmw.config import ChannelConfig
-from mmw.kernels.channel.near_rays import QUEUE_BLOCK, QUEUES, NearRays
 from mmw.kernels.channel.ray_launch import TownHits
 from tests.fixtures.antennas import antenna_at
 from tests.fixtures.device_rays import loaded
@@ -22,17 +21,8 @@ from tests.oracles.channel import driving, traffic
 RAYS = 6000
 
 
-@pytest.fixture(params=[True, False], ids=["queued", "direct"])
-def is_queued(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Have rays near vehicles queued on any device, those of one transmitter at a time, or on none."""
-    monkeypatch.setattr(candidates, "MAX_QUEUED", 1)
-    monkeypatch.setattr(candidates, "has_queues", lambda device: request.param)
-    return request.param
-
-
 @pytest.mark.parametrize("depth", [1, 2, 3])
 @pytest.mark.parametrize("links", [("v2i",), ("v2i", "v2v")])
-@pytest.mark.usefixtures("is_queued")
 def test_kept_hits_change_no_path(depth: int, links: tuple[str, ...], device: str) -> None:
     """A truck that drives by takes rays away from the town, and reflects them."""
     data = traffic(driving(np.arange(9) * 0.05))
@@ -55,7 +45,6 @@ def test_kept_hits_change_no_path(depth: int, links: tuple[str, ...], device: st
 
 
 @pytest.mark.parametrize("depth", [1, 2, 3])
-@pytest.mark.usefixtures("is_queued")
 def test_kept_hits_change_no_candidate(depth: int, device: str) -> None:
     data = traffic(driving(np.arange(9) * 0.05))
     config = ChannelConfig(samples_per_tx=RAYS, max_depth=depth, links=("v2i",))
@@ -78,24 +67,6 @@ def test_kept_hits_change_no_candidate(depth: int, device: str) -> None:
         assert found[0][1] == found[1][1]
         is_moving = table.owner[table.lead] >= 0
         assert found[0][0][:, is_moving].any() and found[0][0][:, ~is_moving].any()
-
-
-def test_rays_near_a_vehicle_are_queued_once(device: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[NearRays] = []
-    monkeypatch.setattr(candidates, "has_queues", lambda device: True)
-    monkeypatch.setattr(candidates, "NearRays", lambda: made.append(NearRays()) or made[-1])
-    data = traffic(driving(np.arange(9) * 0.05))
-    config = ChannelConfig(samples_per_tx=RAYS, max_depth=2, links=("v2i",))
-    scene = loaded(data, device, [0])
-    table = make_surface_table(scene)
-    for _ in range(2):  # hits are kept from the second search on
-        solve_paths(scene, make_links(data, [0], config), config, data.materials, table)
-    (queued,) = made
-    count, threads = queued.count.numpy(), queued.thread.numpy()
-    for own, rays in zip(count, threads.reshape(len(count), QUEUES, -1), strict=True):
-        taken = np.concatenate([part[:number] for part, number in zip(rays, own, strict=True)])
-        assert 0 < len(taken) < RAYS / 2 and len(set(taken.tolist())) == len(taken)
-        assert ((taken // QUEUE_BLOCK) % QUEUES == np.repeat(np.arange(QUEUES), own)).all()
 
 
 def place(*numbers: float) -> np.ndarray:
