@@ -31,7 +31,7 @@ def run_on_host(
             of a struct, in their order, which is quicker to launch than single arrays.
         dim: Launch size.
         inputs: Values of each input; a vector, matrix or complex number is the last axes.
-        others: Numbers, arrays and structs of the host, mostly the same in all calls; fields of structs stay as they are.
+        others: Numbers, arrays and structs of the host, mostly the same in all calls. Fields of a struct never change.
         outputs: Shape of each output, without the axes of its elements.
         scratch: Number of first outputs that are scratch, which are not returned.
     """

@@ -204,10 +204,8 @@ def _refine(
 
     passes = config.max_depth if config.refraction else 0
     world = [table.scene_struct(scene), ends, flat, wedges, search.pose, vector(*scene.origin.tolist())]
-    segments = depth + 1
-    threads = segments if thread_spread(device, count * segments) > 1 else 1  # one for each segment where there is room
-    shape = count, threads, thread_spread(device, count * threads)
-    search.launch(sight_kernel, shape, [*world, threads, passes, candidates, sight], block_dim=64)
+    threads = depth + 1 if spread > 1 else 1  # one for each segment where there is room
+    search.launch(sight_kernel, (count, threads, spread), [*world, threads, passes, candidates, sight], block_dim=64)
 
     arguments = [*world, begin, passes, candidates, sight, hits, out.arrays[0]]
     found = (
