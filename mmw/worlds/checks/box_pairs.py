@@ -90,7 +90,8 @@ def clip(points: np.ndarray, count: np.ndarray, normal: np.ndarray, offset: np.n
         offset: Shape [P], or a number.
 
     Returns:
-        Corners, shape [P, K + 1, D], and their number, shape [P]; 0 where nothing is left.
+        Corners, shape [P, Q, D], and their number, shape [P]; 0 where nothing is left. A cut adds a corner; where
+        several corners lie in the plane, rounding may put them on both sides in turn, with a cut between any two.
     """
     rows, size, axes = points.shape
     column = np.arange(size)
@@ -105,8 +106,9 @@ def clip(points: np.ndarray, count: np.ndarray, normal: np.ndarray, offset: np.n
     cut = points + (points[row, follower] - points) * (height / fall)[..., None]
     both = np.stack([points, cut], axis=2).reshape(rows, 2 * size, axes)
     keep = np.stack([is_corner & is_in, crosses], axis=2).reshape(rows, 2 * size)
-    order = np.argsort(~keep, axis=1, kind="stable")[:, : size + 1]
-    return both[row, order], np.minimum(keep.sum(axis=1), size + 1)
+    left = keep.sum(axis=1)
+    order = np.argsort(~keep, axis=1, kind="stable")[:, : max(1, int(left.max(initial=0)))]
+    return both[row, order], left
 
 
 def spiral(z: np.ndarray) -> np.ndarray:

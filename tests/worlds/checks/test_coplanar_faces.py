@@ -2,7 +2,7 @@
 
 import numpy as np
 import shapely
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from mmw.worlds.checks.box_pairs import area_and_centre, box_pairs, clip, own_pairs
@@ -16,6 +16,7 @@ size = st.floats(0.3, 6.0)
     st.tuples(size, size, size, size), st.tuples(*(st.floats(-4.0, 4.0),) * 2), st.floats(0.0, 6.3),
     st.integers(0, 2**32 - 1), st.booleans(),
 )  # fmt: skip
+@example((4.0, 5.0, 5.03125, 5.5), (0.0, 0.0), 5.5, 1, True)  # three corners of a cut polygon lie in the next plane
 def test_common_area_is_that_of_shapely(sides, shift, turn, seed, turned) -> None:
     """Two rectangles in one random plane, each cut into two triangles."""
     a = np.array([[0, 0], [sides[0], 0], [sides[0], sides[1]], [0, sides[1]]])
