@@ -33,8 +33,26 @@ PLANE_BITS = wp.constant(wp.uint64(28))
 """Bits of a key that hold the plane; the parent has 32 below, the level 4 above."""
 PROBES = wp.constant(256)
 """Cells that are tried for a node before the table counts as full."""
+PATCH = wp.constant(8)
+"""Azimuths, and belts, of a patch of rays, which a block of `PATCH`^2 threads takes. Design value."""
 BOUNCE_LIFT = wp.constant(wp.float32(4e-6))
 """A ray goes on at this times (5 m + largest coordinate) off the surface that it hit."""
+
+
+@wp.struct
+class RayPatches:
+    """Fibonacci lattice of rays on the sphere, in patches of neighbors, so that the rays of a block stay together.
+
+    Rays i and i + F are neighbors one below the other where F, a Fibonacci number, is near the root of the number of
+    rays. The F rays from j F on are a belt around the sphere.
+    """
+
+    ray_count: int
+    """Rays of a transmitter."""
+    patches_below: int
+    """Patches one below the other, which threads take one after the other."""
+    order: wp.array[int]
+    """Rays of a belt, from its first on, in the order of their azimuths, shape [F]."""
 
 
 @wp.struct
@@ -50,6 +68,22 @@ class TownHits:
     """Distance of that hit [m], inf for a miss, shape [C, D, T]."""
     is_filled: wp.bool
     """False while a launch fills the rows, which looks for the town alone and stores no candidates."""
+
+
+@wp.func
+def ray_of(patches: RayPatches, thread: int) -> int:
+    """Return the ray of a thread, -1 for none."""
+    patch = thread // (PATCH * PATCH)
+    own = thread % (PATCH * PATCH)
+    place = (patch // patches.patches_below) * PATCH + own % PATCH
+    size = patches.order.shape[0]
+    ray = wp.int32(-1)
+    if place < size:
+        belt = (patch % patches.patches_below) * PATCH + own // PATCH
+        ray = belt * size + patches.order[place]
+        if ray >= patches.ray_count:
+            ray = wp.int32(-1)
+    return ray
 
 
 @wp.func
@@ -94,9 +128,7 @@ def launch_kernel(
     origin: wp.array[wp.vec3],
     plane: wp.array[int],
     is_slab: wp.array[wp.uint8],
-    ray_count: int,
-    stride: int,
-    row_count: int,
+    patches: RayPatches,
     depth: int,
     passes: int,
     # scratch
@@ -109,19 +141,18 @@ def launch_kernel(
     """Follow each ray over `depth` surfaces and store every sequence of planes that reflects it.
 
     Bit k of `passes` lets the ray go through the k-th surface that it hits instead of off it. All writers of a
-    byte write 1, so their order does not matter. Rays whose numbers differ by `stride`, a Fibonacci number, are
-    neighbors on the sphere: threads take them one after the other, so that a block's rays stay together. Hits in `town`
-    are those of reflections, `passes` 0; a launch that fills them has a row for each transmitter.
+    byte write 1, so their order does not matter. Hits in `town` are those of reflections, `passes` 0; a launch that
+    fills them has a row for each transmitter.
 
-    Launch: dim=(A, row_count * stride), block_dim=64; A transmitters, one a frame and actor, and row_count * stride at
-    least the number of rays. `is_hit_out` starts as zeros, shape [A, K], as do `keys_out` and `counts_out`,
-    whose entry `FULL` becomes 1 where a node found no cell. `plane` and `is_slab` have an entry a surface.
+    Launch: dim=(A, threads of all patches), block_dim=64; A transmitters, one a frame and actor. `is_hit_out` starts as
+    zeros, shape [A, K], as do `keys_out` and `counts_out`, whose entry `FULL` becomes 1 where a node found no cell.
+    `plane` and `is_slab` have an entry a surface.
     """
     source, thread = wp.tid()
-    ray = (thread % row_count) * stride + thread // row_count
-    if ray >= ray_count:
+    ray = ray_of(patches, thread)
+    if ray < 0:
         return
-    direction = fibonacci_direction(ray, ray_count)
+    direction = fibonacci_direction(ray, patches.ray_count)
     position = origin[source]
     parent = wp.int32(-1)
     level = wp.int32(1)

@@ -12,7 +12,7 @@ from mmw.channel.path_solver.town_hits import MAX_SOURCES, MIN_RAYS, KeptHits
 from mmw.config import ChannelConfig
 from mmw.core.errors import InputError
 from mmw.kernels.channel.candidate_list import COUNTS, FULL
-from mmw.kernels.channel.ray_launch import PLANE_BITS, TownHits, launch_kernel
+from mmw.kernels.channel.ray_launch import PATCH, PLANE_BITS, RayPatches, TownHits, launch_kernel
 from mmw.kernels.channel.reflection_candidates import CandidateTree
 
 PAIRS_AT_ONCE = 2**27
@@ -166,8 +166,7 @@ def _kept_hits(search: Search, rays: int, depth: int) -> KeptHits | None:
     if _pattern_count(search) > 1:
         return None
     if (rays, depth) not in kept:
-        stride = neighbor_stride(rays)
-        kept[rays, depth] = KeptHits(search.scene.device, -(-rays // stride) * stride, depth)
+        kept[rays, depth] = KeptHits(search.scene.device, ray_patches(rays, search.scene.device)[1], depth)
     return kept[rays, depth]
 
 
@@ -247,11 +246,10 @@ def _launch(
 ) -> None:
     """Launch rays from batch indices and origins `begin`; `ways` are their number, depth and pattern."""
     table, (rays, depth, passes) = search.table, ways
-    stride = neighbor_stride(rays)
-    row_count = -(-rays // stride)
+    patches, threads = ray_patches(rays, search.scene.device)
     inputs = [table.scene_struct(search.scene), *begin, table.device.plane, table.device.is_slab]
-    arguments = [*inputs, rays, stride, row_count, depth, passes, hits, *out]
-    search.launch(launch_kernel, (sources, row_count * stride), arguments, block_dim=64)
+    arguments = [*inputs, patches, depth, passes, hits, *out]
+    search.launch(launch_kernel, (sources, threads), arguments, block_dim=64)
 
 
 @cache
@@ -260,15 +258,22 @@ def _no_hits() -> TownHits:
 
 
 @cache
-def neighbor_stride(ray_count: int) -> int:
-    """Return the Fibonacci number F that makes rays i and i + F of the lattice close neighbors.
+def ray_patches(ray_count: int, device: str) -> tuple[RayPatches, int]:
+    """Return the patches of a lattice of rays, and the threads of all of them.
 
-    Their azimuths differ by 2 pi / (sqrt(5) F) and their heights by 2 F / N, which are alike at F^2 = pi N / sqrt(5).
+    Azimuths of rays i and i + F differ by 2 pi / (sqrt(5) F) and their heights by 2 F / N, which are alike at F^2 = pi
+    N / sqrt(5): belts have the first Fibonacci number F from there on. Ray k of a belt is at nearly k G / F turns,
+    where G is the Fibonacci number before F; as G G = +-1 modulo F, k G modulo F is the order of azimuths or its
+    reverse.
     """
-    before, stride = 1, 2
-    while stride * stride < np.pi * ray_count / np.sqrt(5.0):
-        before, stride = stride, before + stride
-    return before
+    step, belt = 1, 2
+    while belt * belt < np.pi * ray_count / np.sqrt(5.0):
+        step, belt = belt, step + belt
+    patches, belts = RayPatches(), -(-ray_count // belt)
+    patches.ray_count, patches.patches_below = ray_count, -(-belts // PATCH)
+    order = np.arange(belt, dtype=np.int64) * step % belt
+    patches.order = wp.array(order, dtype=wp.int32, device=device)
+    return patches, patches.patches_below * -(-belt // PATCH) * PATCH * PATCH
 
 
 def all_path_candidates(sources: int, planes: int, depth: int) -> np.ndarray:
