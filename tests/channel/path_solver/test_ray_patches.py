@@ -30,5 +30,5 @@ def test_every_ray_is_taken_once_beside_its_neighbors(ray_count: int, device: st
     assert threads < 1.4 * ray_count and is_full.mean() > 0.7
     reach = np.linalg.norm(blocks[is_full] - blocks[is_full].mean(axis=1, keepdims=True), axis=2).max(axis=1)
     cap = np.sqrt(PATCH**2 * 4.0 / ray_count)  # radius of a circle of as many rays
-    assert np.median(reach) < 1.6 * cap
-    assert np.quantile(reach, 0.95) < 3.0 * cap  # only patches at the poles are long
+    assert np.median(reach) < 1.8 * cap
+    assert np.quantile(reach, 0.9) < 2.2 * cap  # only patches at the poles are long
