@@ -150,9 +150,8 @@ def sight_kernel(
     """Look along the segments of each candidate: of its `threads`, thread t takes the segments t, t + threads, ...
 
     `origin` is the world position of the scene frame's origin. A path may go through up to `passes` slabs. A thread
-    ends with the first segment without a path. `sight_out` is one of those in `mmw.kernels.channel.segments` for each
-    segment, shape [C, D + 1].
-    Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, threads, S), block_dim=64.
+    ends with the first segment without a path. `sight_out` has the result of `sight_of` for each segment, shape [C, D +
+    1]. Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, threads, S), block_dim=64.
     """
     candidate, first, lane = wp.tid()
     if lane > 0:
@@ -222,7 +221,7 @@ def found_kernel(
 ):
     """Add each candidate of which all segments get through, past what does not count and through up to `passes` slabs.
 
-    `sight` is of `sight_kernel`, up to the first segment without a path; candidates count from `begin`.
+    `sight` is that of `sight_kernel`, up to the first segment without a path; candidates count from `begin`.
     Of S threads one works, see `mmw.core.device.thread_spread`. Launch: dim=(C, S), block_dim=64.
     """
     candidate, lane = wp.tid()

@@ -164,8 +164,8 @@ def sight_of(
 ) -> int:  # fmt: skip
     """Return whether a segment is `FREE`, or `BLOCKED` by what may not count, or there is `NO_SEGMENT`.
 
-    There is none if it is too short, or what lies on it first stops it: another surface that it crosses, and that is no
-    slab or one more than `max_slabs`. What blocks it otherwise is told by `pass_obstacles`.
+    There is none if it is too short, or if the first surface on it stops it: one that it crosses, not its own, and no
+    slab or one more than `max_slabs`. Of a blocked segment `pass_obstacles` tells whether it gets through.
     """
     span = segment.stop - segment.start
     length = wp.length(span)
@@ -179,8 +179,10 @@ def sight_of(
     if not occluded(scene, batch_index, start, direction, wp.float32(length), MISS_ID):  # of most, and the quicker test
         return FREE
     hit = closest_hit(scene, batch_index, start, direction, wp.float32(length), MISS_ID)
+    if hit.surface == MISS_ID:
+        return FREE
     sight = BLOCKED
-    is_last = max_slabs == 0 or surfaces.is_slab[hit.surface] == wp.uint8(0)
+    is_last = max_slabs <= 0 or surfaces.is_slab[hit.surface] == wp.uint8(0)
     if is_last and not is_own(hit.surface, segment.own):
         at = segment.start + wp.float64(hit.t) * unit
         if crosses(surfaces, pose, batch_index, segment, hit.surface, at):
@@ -197,9 +199,8 @@ def pass_obstacles(
     or -1.
 
     The surfaces of `segment.own`, being flat, cannot obstruct the segment itself, nor can those that it does not cross.
-    Behind a slab the ray goes on a
-    little further along; surfaces in that gap are found by a ray back from there, and those in the slab's own plane by
-    their position in that plane.
+    Behind a slab the ray goes on a little further along; surfaces in that gap are found by a ray back from there, and
+    those in the slab's own plane by their position in that plane.
     """
     span = segment.stop - segment.start
     unit = span / wp.length(span)
