@@ -215,9 +215,10 @@ class DeviceScene:
         Raises:
             ValueError: If a frame is not.
         """
-        loaded, wanted = set(enumerate(self.batch_frames)), list(zip(batch_index.tolist(), frame.tolist(), strict=True))
-        if not loaded.issuperset(wanted):
-            row = next(row for row, pair in enumerate(wanted) if pair not in loaded)
+        loaded = np.array([*self.batch_frames, np.iinfo(np.int64).min])  # an index behind the last is that of no frame
+        is_loaded = (batch_index >= 0) & (loaded.take(batch_index, mode="clip") == frame)
+        if not is_loaded.all():
+            row = int(np.argmin(is_loaded))
             raise ValueError(
                 f"{kind} {row}: frame {frame[row]} at batch index {batch_index[row]}; the scene holds frames "
                 f"{list(self.batch_frames[:8])}; call load_batch with the frames that the {kind}s were made for"

@@ -162,7 +162,7 @@ def path_gains(
         vertex=found.vertex,
         normal=found.normal,
         edge=_edges(len(found), trace.interactions.wedges),
-        curvature=_unknown(len(found), 6) if trace.curvature is None else trace.curvature,
+        curvature=np.full((len(found), 6), np.nan) if trace.curvature is None else trace.curvature,
         tau=geometry.length / SPEED_OF_LIGHT,
         theta_t=geometry.theta_t,
         phi_t=geometry.phi_t,
@@ -202,17 +202,9 @@ def _ranked_by(
 
 def _edges(count: int, wedges: WedgeHits) -> np.ndarray:
     """Return the unit vector along the edge of each path, NaN without one, shape [P, 3]."""
-    edge = _unknown(count, 3)
-    if len(wedges.path):
-        edge[wedges.path] = wedges.edge
+    edge = np.full((count, 3), np.nan)
+    edge[wedges.path] = wedges.edge
     return edge
-
-
-def _unknown(count: int, width: int) -> np.ndarray:
-    """Return rows of NaN."""
-    rows = np.empty((count, width))
-    rows.fill(np.nan)
-    return rows
 
 
 def solve_paths(

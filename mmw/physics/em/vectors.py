@@ -10,8 +10,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def norm(a: np.ndarray) -> np.ndarray:
     """Return the length over the last axis, shape [..., 3] -> [...]."""
-    x, y, z = a[..., 0], a[..., 1], a[..., 2]
-    return np.sqrt(x * x + y * y + z * z)
+    return np.sqrt(dot(a, a))
 
 
 def stacked(x: np.ndarray, y: np.ndarray, z: np.ndarray | float) -> np.ndarray:
