@@ -1,5 +1,7 @@
 """Make `CarrierPaths` of links that were just traced, as rows of the dataset would give them, without these rows."""
 
+from typing import Any
+
 import numpy as np
 
 from mmw.channel.links import Links
@@ -77,16 +79,21 @@ class FramePaths:
         """
         row, count = self._row
         carrier_hz = float(self._carriers_hz[carrier])
-        found = object.__new__(CarrierPaths)  # what it would check follows from how the arrays were made
-        found.__dict__.update(
-            self._columns,
+        return unchecked_paths(
+            **self._columns,
             carrier_hz=carrier_hz,
             row=row + carrier * count,
             transfer=self._transfer[:, carrier].copy(),
             a=self._a[:, carrier].copy(),
             doppler_hz=self._approach * carrier_hz / SPEED_OF_LIGHT,
         )
-        return found
+
+
+def unchecked_paths(**fields: Any) -> CarrierPaths:
+    """Return paths of arrays that fit by how they were made, without the checks of `CarrierPaths`."""
+    paths = object.__new__(CarrierPaths)
+    paths.__dict__.update(fields)
+    return paths
 
 
 _SAME_COLUMNS = ("theta_t", "phi_t", "theta_r", "phi_r", "edge", "curvature")

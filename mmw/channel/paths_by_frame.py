@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mmw.channel.frame_paths import unchecked_paths
 from mmw.channel.path_table import SAMPLE_COLUMNS, CarrierPaths
 
 
@@ -37,7 +38,5 @@ class PathsByFrame:
         columns = {name: values[own] for name, values in self._columns.items()}
         for name in ("interaction", "vertex"):
             columns[name] = columns[name][:, :depth]
-        found = object.__new__(CarrierPaths)  # its checks have been made of all frames
         links = slice(*self._links[frame : frame + 2])
-        found.__dict__.update(columns, carrier_hz=self._carrier_hz, keys=self._keys[links], link=self._link[own])
-        return found
+        return unchecked_paths(**columns, carrier_hz=self._carrier_hz, keys=self._keys[links], link=self._link[own])

@@ -26,9 +26,8 @@ class HostTrees:
     def to_device(self, device: str) -> BoxTrees:
         """Return the trees on a device."""
         trees = BoxTrees()
-        kinds = {"root": wp.int32, "lower": wp.vec3d, "upper": wp.vec3d, "node": wp.vec3i, "order": wp.int32}
-        for name, kind in kinds.items():
-            setattr(trees, name, wp.array(getattr(self, name), dtype=kind, device=device))
+        for name, field in BoxTrees.vars.items():
+            setattr(trees, name, wp.array(getattr(self, name), dtype=field.type.dtype, device=device))
         return trees
 
 

@@ -95,7 +95,7 @@ def _first_planes_and_tree(
         return is_hit, _tree(search, sources, keys.shape[0], keys) if keys.shape[0] else None
     if config.max_depth == 1:
         return launch_rays(search, sources, config.samples_per_tx, counts=counts)[0], None
-    patterns = range(_pattern_count(search))
+    patterns = range(search.pattern_count(config.max_depth))
     max_cells = CELLS_AT_ONCE["cuda" if "cuda" in scene.device else "cpu"]
     while True:
         cells = 1 << (_cells(search) * len(sources) - 1).bit_length()
@@ -133,12 +133,6 @@ def _all_keys(search: Search, sources: int) -> wp.array:
     return wp.array(values, dtype=wp.uint64, device=search.scene.device)
 
 
-def _pattern_count(search: Search) -> int:
-    """Return how many ways there are for a ray to go through its surfaces or off them, one launch each."""
-    config = search.config
-    return 2 ** (config.max_depth - 1) if config.refraction and search.table.is_slab.any() else 1
-
-
 def prepare_town_hits(search: Search) -> Hashable:
     """Launch the rays of transmitters that rest against the town, if their hits are not kept yet.
 
@@ -163,7 +157,7 @@ def _kept_hits(search: Search, rays: int, depth: int) -> KeptHits | None:
     config, kept = search.config, search.table.town_hits
     if config.candidates == "exhaustive" or rays < MIN_RAYS or depth < 1 or len(search.sources) > MAX_SOURCES:
         return None
-    if _pattern_count(search) > 1:
+    if search.pattern_count(config.max_depth) > 1:
         return None
     if (rays, depth) not in kept:
         kept[rays, depth] = KeptHits(search.scene.device, ray_patches(rays, search.scene.device)[1], depth)
@@ -173,7 +167,8 @@ def _kept_hits(search: Search, rays: int, depth: int) -> KeptHits | None:
 def _cells(search: Search) -> int:
     """Return the cells of the table of candidates for each transmitter."""
     config, table = search.config, search.table
-    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1) * _pattern_count(search)  # half full at worst
+    max_candidates = 2 * config.samples_per_tx * (config.max_depth - 1)  # half full at worst
+    max_candidates *= search.pattern_count(config.max_depth)
     first = min(FIRST_CELLS << 3 * (config.max_depth - 2), max_candidates)
     return table.sizes.get(cells_name(search), first)
 

@@ -63,8 +63,11 @@ def _are_one_way(tx_actor: np.ndarray, tx_antenna: np.ndarray, rx_actor: np.ndar
 
 @lru_cache(16)
 def all_links(count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `unique_links` does where no link is the reverse of another one."""
-    return np.arange(count), np.full(count, -1)
+    """Return what `unique_links` does for a number of links of which none is the reverse of another one, read-only."""
+    traced, reverse_of = np.arange(count), np.full(count, -1)
+    for values in (traced, reverse_of):  # all searches of as many links share them
+        values.setflags(write=False)
+    return traced, reverse_of
 
 
 def add_reversed_links(

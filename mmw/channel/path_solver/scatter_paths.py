@@ -180,12 +180,11 @@ def find_patches(
     if config.max_depth < (2 if needs_mirror else 1):
         return []
     depth = config.max_depth if config.specular_reflection or config.refraction else 1
-    patterns = 2 ** (depth - 1) if config.refraction and table.is_slab.any() else 1
     has_foliage = table.foliage is not None and table.foliage.is_foliage.any()
     far = links.ends.rx.numpy()[:, -1] if config.diffuse_error_db is not None else None
     found = []
     for part in source_parts(links.sources, rays * depth):
-        for passes in range(patterns):
+        for passes in range(search.pattern_count(depth)):
             hits = trace_rays(search, part, rays, depth, passes, table.scene_struct(search.scene))
             chosen = select_hits(hits, table.is_rough, passes, needs_mirror)
             found += _connect_receivers(search, links, part, hits, chosen, rays, far)

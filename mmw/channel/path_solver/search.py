@@ -175,6 +175,11 @@ class Search:
         rank[self.order] = np.arange(len(self.links))
         return rank
 
+    def pattern_count(self, depth: int) -> int:
+        """Return how many ways there are for a ray to go through its surfaces or off them, for rays that follow `depth`
+        of them; one launch each."""
+        return 2 ** (depth - 1) if self.config.refraction and self.table.has_slabs else 1
+
     def scratch(self, shape: tuple[int, ...], kind: Any) -> wp.array:
         """Return an array on the device until `release`, with undefined values; small ones are used again."""
         if self._kept is not None:

@@ -82,6 +82,11 @@ class SurfaceTable:
         return len(self.owner)
 
     @cached_property
+    def has_slabs(self) -> bool:
+        """Whether a wave passes through any surface in some weather."""
+        return bool(self.is_slab.any())
+
+    @cached_property
     def wall(self) -> np.ndarray:
         """Largest surface of the plane or curved surface of each, which names all of them in `path_id`, shape [G]."""
         wall = self.lead[self.plane]
