@@ -1,6 +1,6 @@
 """Compute the transfer of every path for one weather and all carriers, from its geometry and the materials on it."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
@@ -118,11 +118,12 @@ def path_transfer(
     is_used = np.bincount(ids.ravel() + 1, minlength=len(materials) + 1)[1:]
     if len(interactions.wedge_material):
         is_used += np.bincount(interactions.wedge_material.ravel(), minlength=len(materials))
-    table = material_table(materials, carriers_hz, tuple(is_used.nonzero()[0].tolist()))
+    used = is_used.nonzero()[0].tolist()
+    table = material_table(materials, carriers_hz, used)
     spreading = 1.0 / geometry.length
     has_wedges, has_rough = len(interactions.wedges.path) > 0, len(interactions.rough.path) > 0
     given = None
-    if has_wedges or has_rough or table.has_layers:
+    if has_wedges or has_rough or not table.layered.isdisjoint(used):
         shape = geometry.interaction.shape
         matrix = np.zeros((len(ids), len(carriers_hz), shape[1], 2, 2), dtype=np.complex128)
         given = GivenMatrices(np.zeros(shape, dtype=bool), matrix)
@@ -186,17 +187,20 @@ class MaterialTable:
     """All of them as kernels of the host take them; without layers."""
     by_carrier: tuple[SurfaceResponse, ...]
     """Their responses at each carrier."""
-    has_layers: bool
-    """Whether a used one has layers."""
+    ids: frozenset[int]
+    """Those that have data; the others are NaN."""
+    layered: frozenset[int]
+    """Those of them that have layers."""
     aperture: np.ndarray
     """lambda / (4 pi) at each carrier [m], shape [C]."""
 
 
-@remembered(size=256)
 def material_table(
-    materials: tuple[Material, ...], carriers_hz: tuple[float, ...], used: tuple[int, ...]
+    materials: tuple[Material, ...], carriers_hz: tuple[float, ...], used: Collection[int]
 ) -> MaterialTable:
-    """Return the materials of a weather at all carriers.
+    """Return the materials of a weather at all carriers, with data of those that were asked for so far.
+
+    Paths of other frames meet other materials: a table for each combination would be made anew in every other step.
 
     Args:
         materials: Materials by id.
@@ -206,7 +210,25 @@ def material_table(
     Raises:
         InputError: If a used material has no permittivity at a carrier.
     """
-    permittivity = permittivity_table(materials, carriers_hz, used)
+    made = _made_table(materials, carriers_hz)
+    table = made[0] if made else None
+    if table is None or not table.ids.issuperset(used):
+        ids = frozenset(used) if table is None else table.ids.union(used)
+        made[:] = [table := _material_table(materials, carriers_hz, ids)]
+    return table  # not `made[0]`, which another thread may have replaced
+
+
+@remembered(size=256)
+def _made_table(materials: tuple[Material, ...], carriers_hz: tuple[float, ...]) -> list[MaterialTable]:
+    """Return the table that `material_table` made last, which it replaces; none at first."""
+    return []
+
+
+def _material_table(
+    materials: tuple[Material, ...], carriers_hz: tuple[float, ...], ids: frozenset[int]
+) -> MaterialTable:
+    """Return the table with data of some materials."""
+    permittivity = permittivity_table(materials, carriers_hz, ids)
     radios = tuple(material.radio for material in materials)
     planes, wave_number = PlaneMaterials(), 2.0 * np.pi / SPEED_OF_LIGHT * np.array(carriers_hz)
     planes.permittivity = wp.array(as_pairs(permittivity), dtype=wp.vec2d, device=HOST)
@@ -215,5 +237,5 @@ def material_table(
         values = [getattr(radio, name) for radio in radios]
         setattr(planes, name, wp.array(values, dtype=wp.float64, device=HOST))
     by_carrier = tuple(SurfaceResponse(radios, permittivity[:, c], f) for c, f in enumerate(carriers_hz))
-    has_layers = any(radios[index].layers for index in used)
-    return MaterialTable(planes, by_carrier, has_layers, SPEED_OF_LIGHT / np.array(carriers_hz) / (4.0 * np.pi))
+    layered = frozenset(index for index in ids if radios[index].layers)
+    return MaterialTable(planes, by_carrier, ids, layered, SPEED_OF_LIGHT / np.array(carriers_hz) / (4.0 * np.pi))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from mmw.core.constants import SPEED_OF_LIGHT
+from mmw.core.errors import InputError
 from mmw.physics.em.field import (
     GivenMatrices,
     PathGeometry,
@@ -133,6 +134,27 @@ def test_shares_of_rough_materials() -> None:
     np.testing.assert_allclose(response.specular_share(material, cosine), kept, rtol=TOLERANCE)
     scattered = np.where(height > 0.0, np.sqrt(1.0 - kept**2), scattering)
     np.testing.assert_allclose(response.diffuse_share(material, cosine), scattered, rtol=TOLERANCE)
+
+
+def test_one_table_serves_all_that_was_asked_for() -> None:
+    """What a path meets changes from frame to frame: only a material that no path met before makes the table anew."""
+    narrow = RadioMaterial("function", permittivity=lambda hz: 3.0 - 0.1j, frequency_range_hz=(2e10, 4e10))
+    coated = RadioMaterial("itu", itu="itu_glass", thickness=0.006, layers=("sheet 5",))
+    others = radio_materials({"narrow": narrow, "coated": coated}).values()
+    materials = (*MATERIALS, *others)
+    first = material_table(materials, CARRIERS_HZ, [2])
+    assert np.isnan(first.planes.permittivity.numpy()[:2, :, 0]).all() and first.ids == {2}
+    both = material_table(materials, CARRIERS_HZ, [0])
+    assert both.ids == {0, 2}
+    assert material_table(materials, CARRIERS_HZ, [0, 2]) is material_table(materials, CARRIERS_HZ, []) is both
+    copy = material_table((*materials,), CARRIERS_HZ, [2, 0])
+    assert copy is not both
+    np.testing.assert_array_equal(both.planes.permittivity.numpy(), copy.planes.permittivity.numpy())
+    assert material_table(materials, CARRIERS_HZ, [5]).layered == {5}
+    assert both.layered == frozenset() and material_table(materials, CARRIERS_HZ[1:], [4]).ids == {4}
+    with pytest.raises(InputError, match=r"'narrow': no permittivity at 4\.9 GHz"):
+        material_table(materials, CARRIERS_HZ, [0, 4])
+    assert material_table(materials, CARRIERS_HZ, [0]).ids == {0, 2, 5}
 
 
 @pytest.mark.parametrize("has_given", [False, True])
