@@ -226,9 +226,11 @@ def _make_cast(is_moving: bool) -> tuple[wp.Function, wp.Function, wp.Function]:
             first = batch_index * scene.instance_count
             item = wp.int32(0)
             query = wp.bvh_query_ray(scene.instances[0], origin, direction, root)
-            while wp.bvh_query_next(query, item, near.t):
+            is_more = wp.bool(True)
+            while is_more:  # the search in the loop: a warp finds its next vehicles, then traces them side by side
+                is_more = wp.bvh_query_next(query, item, near.t)
                 instance = item - first
-                if instance != ignore:
+                if is_more and instance != ignore:
                     if wp.static(is_moving):
                         pose = instance_pose_at(scene, batch_index, instance, time_offset)
                     else:
