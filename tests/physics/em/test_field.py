@@ -137,7 +137,7 @@ def test_shares_of_rough_materials() -> None:
 
 
 def test_one_table_serves_all_that_was_asked_for() -> None:
-    """What a path meets changes from frame to frame: only a material that no path met before makes the table anew."""
+    """Only a material that no path met before makes the table anew: those of a path change from frame to frame."""
     narrow = RadioMaterial("function", permittivity=lambda hz: 3.0 - 0.1j, frequency_range_hz=(2e10, 4e10))
     coated = RadioMaterial("itu", itu="itu_glass", thickness=0.006, layers=("sheet 5",))
     others = radio_materials({"narrow": narrow, "coated": coated}).values()
