@@ -11,7 +11,7 @@ from mmw.traffic.roads.lane_graph import LaneGraph
 from mmw.worlds.lane_reach import ahead, behind, reach
 from mmw.worlds.towns.alignment import Elevation
 from mmw.worlds.towns.elevated_roads import Structure
-from mmw.worlds.towns.plan_geometry import row_stations
+from mmw.worlds.towns.plan_geometry import intersect_areas, row_stations
 from mmw.worlds.towns.roads import RoadBody
 
 MAX_GRADE = 0.20
@@ -86,7 +86,7 @@ def overlap_gaps(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.n
     """
     plans = [np.asarray(shapely.polygons(triangles[:, :, :2])) for triangles in (lower, upper)]
     i, j = shapely.STRtree(plans[1]).query(plans[0], predicate="intersects")
-    shared = shapely.intersection(plans[0][i], plans[1][j])
+    shared = intersect_areas(plans[0][i], plans[1][j])
     keep = np.flatnonzero(shapely.area(shared) > 1e-4)  # the rest only touch
     xy, which = shapely.get_coordinates(shared[keep], return_index=True)
     pair = keep[which]

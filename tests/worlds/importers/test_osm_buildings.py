@@ -11,6 +11,7 @@ from mmw.worlds.importers.osm.building_overlaps import HEADROOM, keep_apart
 from mmw.worlds.importers.osm.buildings import Body, build_body
 from mmw.worlds.importers.osm.windows import LAYOUT, PANE, window_frames
 from tests.fixtures.meshes import area, corners_of, is_closed, volume
+from tests.fixtures.plans import TOUCHING
 
 
 def body(name: str, x0: float, y0: float, x1: float, y1: float, low: float, high: float, storeys: int = 0) -> Body:
@@ -77,3 +78,10 @@ def test_buildings_that_touch_or_lie_apart_stay() -> None:
     apart, notes = keep_apart(every, shapely.box(-50, -20, 50, -10))
     assert apart == every and not notes
     np.testing.assert_equal(len(keep_apart([], None)[0]), 0)
+
+
+def test_a_building_that_touches_a_carriageway_gets_no_passage() -> None:
+    """A wall and a kerb that are one line but for a last bit."""
+    plan, road = map(shapely.Polygon, TOUCHING)
+    beside = replace(body("w1", 0, 0, 1, 1, -0.5, 9), plan=shapely.orient_polygons(plan))
+    assert keep_apart([beside], road) == ([beside], [])

@@ -17,6 +17,7 @@ from mmw.worlds.towns.ground_height import Ground
 from mmw.worlds.towns.parking import LINE, Bay, block_of, choose_models, lay_out, line_area, park, street_bays
 from mmw.worlds.towns.paved_areas import Region, area_regions, cut, pave
 from mmw.worlds.towns.place_description import ParkingLot, PavedArea, StreetBays
+from mmw.worlds.towns.plan_geometry import intersect_areas
 from tests.fixtures.meshes import open_edges
 from tests.fixtures.places_town import SLOPE, plan_area, plan_of_car, sheet
 
@@ -93,7 +94,7 @@ def test_bays_lie_in_the_block_and_apart(yaw):
     assert shapely.contains(block.buffer(0.01), plans).all()
     tree = shapely.STRtree(plans)
     first, second = tree.query(plans, predicate="intersects")
-    overlap = shapely.area(shapely.intersection(plans[first], plans[second]))
+    overlap = shapely.area(intersect_areas(plans[first], plans[second]))
     assert overlap[first != second].max() < 1e-6
 
 

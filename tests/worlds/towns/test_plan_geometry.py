@@ -1,9 +1,11 @@
-"""Areas in plan: what is left of one where another is taken away."""
+"""Areas in plan: what is left of one where another is taken away, and what two share."""
 
+import numpy as np
 import pytest
 import shapely
 
-from mmw.worlds.towns.plan_geometry import subtract_area
+from mmw.worlds.towns.plan_geometry import intersect_areas, subtract_area
+from tests.fixtures.plans import TOUCHING
 
 
 def test_what_collapses_on_the_grid_is_dropped() -> None:
@@ -18,3 +20,11 @@ def test_what_collapses_on_the_grid_is_dropped() -> None:
 def test_nothing_is_left_of_a_line() -> None:
     """A sliver that collapses as a whole leaves an empty area."""
     assert subtract_area(shapely.box(0, 0, 10, 3e-5), shapely.box(2, -1, 3, 1), 1e-4).is_empty
+
+
+def test_areas_that_touch_share_nothing() -> None:
+    first, second = map(shapely.Polygon, TOUCHING)
+    assert intersect_areas(first, second).area == 0.0
+    toward = 0.1 * np.subtract(TOUCHING[0][0], TOUCHING[0][3])  # 0.25 m into the first
+    moved = shapely.Polygon(np.array(TOUCHING[1]) + toward)
+    assert intersect_areas(first, moved).area == pytest.approx(5.0 * 0.25, abs=1e-5)

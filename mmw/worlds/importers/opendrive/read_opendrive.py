@@ -24,7 +24,7 @@ from mmw.worlds.importers.opendrive.overlaps import CRACK, PATCHES, carriageways
 from mmw.worlds.importers.opendrive.reference_line import make_line
 from mmw.worlds.importers.opendrive.road_surface import YELLOW, Sheet, build_sheet
 from mmw.worlds.towns.mesh_part import MeshPart
-from mmw.worlds.towns.plan_geometry import subtract_area
+from mmw.worlds.towns.plan_geometry import intersect_areas, subtract_area
 
 MAX_OFFSET = 10e3
 """A town farther than this from the origin of its file gets an origin of its own [m]: meshes are single precision."""
@@ -153,7 +153,7 @@ def _overlaps(outside: dict[str, Sheet]) -> list[str]:
     found = []
     for i, j in np.asarray(shapely.STRtree(outlines).query(outlines, predicate="intersects")).T:
         if i < j:
-            area = shapely.intersection(outlines[i], outlines[j])
+            area = intersect_areas(outlines[i], outlines[j])
             if area.area > 0.05:
                 at = shapely.get_coordinates(shapely.point_on_surface(area))
                 z = [Sheets([outside[keys[k]].surface]).lowest(at)[0] for k in (i, j)]

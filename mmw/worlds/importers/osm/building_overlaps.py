@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from mmw.worlds.importers.osm.buildings import MIN_AREA, Body, roof_form
-from mmw.worlds.towns.plan_geometry import polygons_of
+from mmw.worlds.towns.plan_geometry import intersect_areas, polygons_of
 
 HEADROOM = 4.6
 """Height of a passage for lanes through a building [m]: 4.5 m for trucks, and a decimeter of wall above."""
@@ -43,7 +43,7 @@ def keep_apart(bodies: list[Body], paved: shapely.Geometry | None) -> tuple[list
 def _off_road(body: Body, paved: shapely.Geometry) -> list[Body]:
     if body.bottom >= HEADROOM or not shapely.intersects(body.plan, paved):
         return [body]
-    shared = shapely.intersection(body.plan, paved).area
+    shared = intersect_areas(body.plan, paved).area
     if shared < OVERLAP:
         return [body]
     rest = _pieces(body, shapely.difference(body.plan, paved, grid_size=1e-3))
@@ -103,8 +103,7 @@ def _without(body: Body, other: Body) -> Iterable[Body]:
         return [body]
     if not shapely.intersects(body.plan, other.plan):
         return [body]
-    shared = shapely.intersection(body.plan, other.plan)
-    if shared.area < OVERLAP:
+    if intersect_areas(body.plan, other.plan).area < OVERLAP:
         return [body]
     made = _pieces(body, shapely.difference(body.plan, other.plan, grid_size=1e-3))
     if other.bottom > body.bottom + 0.1:  # what lies below the higher one stays
