@@ -1,16 +1,26 @@
-"""Map-style and streaming datasets of windows as tensors, and batches of them."""
+"""Windows for PyTorch: a map-style and a streaming dataset, and a collate function, on `mmw.dataset.windows`.
+
+from torch.utils.data import DataLoader
+from mmw.torch import WindowDataset, collate
+loader = DataLoader(WindowDataset(windows), batch_size=32, shuffle=True, collate_fn=collate)
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import torch
-from torch.utils.data import Dataset, IterableDataset, get_worker_info
 
 from mmw.core.errors import InputError
+from mmw.core.extras import needed_by
 from mmw.dataset.windows import Windows, make_batch, stream_batches, stream_order
 from mmw.dataset.windows.batch import Ragged
 from mmw.dataset.windows.stream import BUFFER
+
+with needed_by("mmw.torch (mmw.dataset.windows gives NumPy arrays without it)"):
+    import torch
+    from torch.utils.data import Dataset, IterableDataset, get_worker_info
+
+__all__ = ["WindowDataset", "WindowStream", "collate", "to_tensors"]
 
 Tensors = dict[str, Any]
 """Key -> tensor, or lists of tensors where their lengths differ."""
