@@ -57,8 +57,8 @@ def subtract_area(area: shapely.Geometry, other: shapely.Geometry, grid_size: fl
 def intersect_areas(first: Areas, second: Areas) -> Areas:
     """Return what areas share, on a grid of a micrometer.
 
-    Without a grid GEOS 3.14 may say that two rectangles that touch share all of one, where their corners there differ
-    in the last bit.
+    Without a grid, GEOS 3.14 may return the whole of one of two rectangles that only touch, if the corners that they
+    share differ in the last bit.
     """
     return shapely.intersection(first, second, grid_size=1e-6)
 
